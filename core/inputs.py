@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The border of the core: what may come in, and the one error that says what did."""
+
+import numpy as np
+
+
+class InputError(ValueError):
+    """Bad input, in one sentence: what was expected and what came."""
+
+
+def as_points(points, *, least=1, name="points"):
+    """Check coordinates and return them as float64.
+
+    Parameters
+    ----------
+    points : (n, 3) array_like of real numbers
+    least : int
+        The smallest n that makes sense to the caller.
+
+    Returns
+    -------
+    (n, 3) float64, contiguous; a new array only where the input was not one already.
+
+    Raises
+    ------
+    InputError
+        When the shape is wrong, a coordinate is nan or infinite, or n < least.
+    """
+    array = as_numbers(points, name=name)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"expected {name} of shape (n, 3), got {array.shape}")
+    if len(array) < least:
+        raise InputError(f"expected at least {least} {name}, got {len(array)}")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if len(bad):
+        raise InputError(
+            f"expected finite {name}, got nan or infinite coordinates in "
+            f"{len(bad)} of {len(array)} rows (the first is row {bad[0]})"
+        )
+    return array
+
+
+def as_numbers(values, *, name):
+    """Return real numbers as a contiguous float64 array, or raise InputError."""
+    try:
+        array = np.asarray(values)
+        if np.iscomplexobj(array):
+            raise TypeError("complex numbers")
+        return np.ascontiguousarray(array, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"expected {name} to be real numbers, got {error}") from None
+
+
+def as_faces(faces, count):
+    """Check triangles and return them as int64.
+
+    Parameters
+    ----------
+    faces : (m, 3) array_like of int
+        Vertex indices below `count`; None stands for no faces.
+
+    Returns
+    -------
+    (m, 3) int64, or None where there is no face at all.
+    """
+    if faces is None:
+        return None
+    array = np.asarray(faces)
+    if array.size == 0:
+        return None
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "iu":
+        raise InputError(
+            f"expected faces of shape (m, 3) holding integers, "
+            f"got {array.shape} of {array.dtype}"
+        )
+    array = np.ascontiguousarray(array, dtype=np.int64)
+    low, high = array.min(), array.max()
+    if low < 0 or high >= count:
+        raise InputError(
+            f"expected face indices from 0 to {count - 1}, got {low} to {high}"
+        )
+    return array
+
+
+def as_normals(normals, count, *, name="normals"):
+    """Check vectors, one for each of `count` points; return them as float64."""
+    array = as_points(normals, least=0, name=name)
+    if len(array) != count:
+        raise InputError(f"expected {count} {name}, one a point, got {len(array)}")
+    return array
+
+
+def as_choice(value, choices, *, name):
+    """Return `value` when it is one of `choices`, else raise InputError."""
+    if value not in choices:
+        raise InputError(f"expected {name} to be one of {choices}, got {value!r}")
+    return value
