@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Normals of discrete surfaces by derivatives on time scales.
+
+Numbers only: numpy, scipy and the standard library. The names below are the public
+ones; each module says what it does in its first line.
+"""
+
+from . import shapes
+from .comparison import Comparison, compare_normals
+from .delaunay import delaunay_normals
+from .estimate import Estimate, Settings, estimate_normals
+from .graph import NeighborGraph
+from .inputs import InputError
+from .orientation import orient_normals
+from .surface import GridSurface
+from .timescale import TimeScale
+
+__all__ = [
+    "Comparison",
+    "Estimate",
+    "GridSurface",
+    "InputError",
+    "NeighborGraph",
+    "Settings",
+    "TimeScale",
+    "compare_normals",
+    "delaunay_normals",
+    "estimate_normals",
+    "orient_normals",
+    "shapes",
+]

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How two sets of normals compare, with the truth or with each other (section 4).
+
+References
+----------
+[1] See `timescale`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .inputs import InputError, as_choice, as_normals
+
+# Colors of a sequential and a diverging map, dark to light and side to side, as sRGB
+# bytes. Between them the maps are linear in Oklab, whose steps look alike.
+_SEQUENTIAL = (
+    (24, 15, 62),
+    (88, 24, 110),
+    (170, 51, 106),
+    (233, 106, 73),
+    (252, 228, 145),
+)
+_DIVERGING = (
+    (22, 82, 140),
+    (120, 170, 214),
+    (232, 232, 228),
+    (232, 150, 98),
+    (160, 52, 20),
+)
+_WINNERS = ((176, 176, 172), (12, 123, 131))
+_NOT_COMPARED = (110, 110, 110)
+
+MEASURES = ("error_estimate", "error_baseline", "deviation", "log_ratio", "wins")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Errors of an estimate and a baseline, point by point.
+
+    All are free of sign: of the two sides of a normal the nearer one counts. Points
+    that either side could not estimate are nan.
+
+    Attributes
+    ----------
+    deviation, angle_deviation : (n,) float64
+        Infinity norm of the difference between estimate and baseline; the angle
+        between them in degrees.
+    error_estimate, error_baseline : (n,) float64 or None
+        Infinity norm of the difference to the truth, as in section 4 of [1].
+    angle_estimate, angle_baseline : (n,) float64 or None
+        Angle to the truth, in degrees.
+    """
+
+    deviation: np.ndarray
+    angle_deviation: np.ndarray
+    error_estimate: np.ndarray | None = None
+    error_baseline: np.ndarray | None = None
+    angle_estimate: np.ndarray | None = None
+    angle_baseline: np.ndarray | None = None
+
+    @property
+    def compared(self):
+        """(n,) bool, where both sides have a normal."""
+        return np.isfinite(self.deviation)
+
+    @property
+    def wins(self):
+        """(n,) bool, where the estimate's error is the smaller; None without truth."""
+        if self.error_estimate is None:
+            return None
+        return self.error_estimate < self.error_baseline
+
+    @property
+    def log_ratio(self):
+        """(n,) log10 of baseline's error over estimate's; None without truth."""
+        if self.error_estimate is None or self.error_baseline is None:
+            return None
+        # Errors at the level of rounding are equal, not infinitely better.
+        floor = 1e-12
+        return np.log10(
+            np.maximum(self.error_baseline, floor)
+            / np.maximum(self.error_estimate, floor)
+        )
+
+    def summary(self):
+        """Return counts and statistics as a dict of plain floats and ints."""
+        result = {"points": len(self.deviation), "compared": int(self.compared.sum())}
+        if self.error_estimate is not None:
+            result["wins"] = int(self.wins.sum())
+            result["wins_percent"] = _percent(self.wins, self.compared)
+        for name in (
+            "error_estimate",
+            "error_baseline",
+            "deviation",
+            "angle_estimate",
+            "angle_baseline",
+            "angle_deviation",
+        ):
+            values = getattr(self, name)
+            if values is not None:
+                result.update(_statistics(name, values))
+        return result
+
+    def histogram(self, measure="deviation", *, bins=40, limit=None):
+        """Return counts (bins,) and edges (bins + 1,) of a measure from 0 to limit.
+
+        Values beyond the limit count in the last bin.
+        """
+        values = self._measure(measure)
+        values = values[np.isfinite(values)]
+        low, high = self.limits(measure, limit=limit)
+        return np.histogram(np.clip(values, low, high), bins=bins, range=(low, high))
+
+    def limits(self, measure="deviation", *, limit=None):
+        """Return the values at the two ends of the color map.
+
+        Without a limit: the 95th percentile of the measure's magnitude, so that a
+        few outliers do not darken the rest.
+        """
+        values = np.abs(self._measure(measure).astype(np.float64))
+        values = values[np.isfinite(values)]
+        if limit is None:
+            limit = float(np.percentile(values, 95)) if len(values) else 1.0
+        high = limit if limit > 0 else 1.0
+        return (-high if measure == "log_ratio" else 0.0), high
+
+    def colors(self, measure="deviation", *, limit=None):
+        """Return colors of a measure.
+
+        Parameters
+        ----------
+        measure : "error_estimate" | "error_baseline" | "deviation" | "log_ratio" |
+                  "wins"
+        limit : float, optional
+            The value at the end of the map; see `limits`.
+
+        Returns
+        -------
+        (n, 4) float32
+            Linear sRGB with alpha 1, as Blender keeps color attributes; gray where
+            there is nothing to compare.
+        """
+        values = self._measure(measure).astype(np.float64)
+        low, high = self.limits(measure, limit=limit)
+        if measure == "wins":
+            low, high = 0.0, 1.0
+        share = (values - low) / (high - low)
+        colors = ramp_colors(_ramp(measure), share)
+        colors[~self.compared] = _linear(np.array(_NOT_COMPARED) / 255)
+        alpha = np.ones((len(values), 1))
+        return np.concatenate([colors, alpha], axis=1).astype(np.float32)
+
+    def _measure(self, name):
+        as_choice(name, MEASURES, name="measure")
+        values = getattr(self, name)
+        if values is None:
+            raise InputError(f"expected truth for {name}, got a comparison without")
+        return values
+
+
+def compare_normals(estimate, baseline, *, truth=None):
+    """Compare estimated normals with a baseline's.
+
+    Parameters
+    ----------
+    estimate, baseline : Estimate or (n, 3) array_like of float
+    truth : (n, 3) array_like of float, optional
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        When the arrays are not of one length.
+    """
+    estimate, baseline = (getattr(a, "normals", a) for a in (estimate, baseline))
+    count = len(np.asarray(estimate))
+    estimate = as_normals(estimate, count, name="estimated normals")
+    baseline = as_normals(baseline, count, name="baseline normals")
+    pairs = {"deviation": (estimate, baseline)}
+    if truth is not None:
+        truth = as_normals(truth, count, name="true normals")
+        pairs |= {"estimate": (estimate, truth), "baseline": (baseline, truth)}
+    absent = ~np.logical_and.reduce(
+        [(normals != 0).any(axis=1) for pair in pairs.values() for normals in pair]
+    )
+    measured = {}
+    for name, (a, b) in pairs.items():
+        prefix = "" if name == "deviation" else "error_"
+        measured[prefix + name] = np.where(absent, np.nan, infinity_norm(a, b))
+        measured["angle_" + name] = np.where(absent, np.nan, angle(a, b))
+    return Comparison(**measured)
+
+
+def infinity_norm(a, b):
+    """Return the sign-free infinity norm of a - b for rows of unit vectors, (n,)."""
+    return np.minimum(np.abs(a - b).max(axis=1), np.abs(a + b).max(axis=1))
+
+
+def angle(a, b):
+    """Return the sign-free angle between rows of unit vectors in degrees, (n,).
+
+    By the arctangent of sine and cosine, which keeps small angles exact.
+    """
+    sine = np.linalg.norm(np.cross(a, b), axis=1)
+    return np.degrees(np.arctan2(sine, np.abs((a * b).sum(axis=1))))
+
+
+def ramp_colors(stops, share):
+    """Return linear sRGB colors of a map at shares 0 to 1, (..., 3) float64.
+
+    Parameters
+    ----------
+    stops : sequence of sRGB byte triples
+    share : (...) float
+        Clipped; nan is taken as 0.
+    """
+    known = _to_oklab(_linear(np.array(stops) / 255))
+    at = np.linspace(0, 1, len(stops))
+    share = np.nan_to_num(np.clip(share, 0, 1))
+    mixed = np.stack([np.interp(share, at, channel) for channel in known.T], axis=-1)
+    return np.clip(_from_oklab(mixed), 0, 1)
+
+
+def _ramp(measure):
+    return {"log_ratio": _DIVERGING, "wins": _WINNERS}.get(measure, _SEQUENTIAL)
+
+
+def _percent(part, whole):
+    return 100.0 * float(part.sum()) / max(1, int(whole.sum()))
+
+
+def _statistics(name, values):
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return {}
+    return {
+        f"{name}_rms": float(np.sqrt(np.mean(values**2))),
+        f"{name}_mean": float(values.mean()),
+        f"{name}_median": float(np.median(values)),
+        f"{name}_p95": float(np.percentile(values, 95)),
+        f"{name}_min": float(values.min()),
+        f"{name}_max": float(values.max()),
+    }
+
+
+def _linear(srgb):
+    """Return linear values of sRGB ones (IEC 61966-2-1)."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+# Oklab (B. Ottosson, 2020): linear sRGB to cone responses, and their cube roots to
+# lightness and two opponent axes.
+_CONES = np.array(
+    [
+        [0.4122214708, 0.5363325363, 0.0514459929],
+        [0.2119034982, 0.6806995451, 0.1073969566],
+        [0.0883024619, 0.2817188376, 0.6299787005],
+    ]
+)
+_OPPONENTS = np.array(
+    [
+        [0.2104542553, 0.7936177850, -0.0040720468],
+        [1.9779984951, -2.4285922050, 0.4505937099],
+        [0.0259040371, 0.7827717662, -0.8086757660],
+    ]
+)
+
+
+def _to_oklab(linear):
+    return np.cbrt(linear @ _CONES.T) @ _OPPONENTS.T
+
+
+def _from_oklab(lab):
+    return (lab @ np.linalg.inv(_OPPONENTS).T) ** 3 @ np.linalg.inv(_CONES).T

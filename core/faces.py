@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Normals of triangles and their weighted means at the vertices.
+
+References
+----------
+[1] N. Max, "Weights for Computing Vertex Normals from Facet Normals", Journal of
+    Graphics Tools 4 (1999).
+"""
+
+import numpy as np
+
+from .inputs import as_choice
+
+FACE_WEIGHTS = ("area", "angle", "max")
+
+
+def face_vectors(points, faces):
+    """Return the cross products of the triangles: direction normal, length 2 x area.
+
+    Returns
+    -------
+    (m, 3) float64
+    """
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    return np.cross(b - a, c - a)
+
+
+def corner_weights(points, faces, weights):
+    """Return what each triangle's cross product counts at each of its corners.
+
+    Parameters
+    ----------
+    weights : "area" | "angle" | "max"
+        The triangle's area (N_D of the paper), its angle at the vertex, or the
+        sine over the product of the two edges of [1], exact on spheres.
+
+    Returns
+    -------
+    (m, 3) float64, zero for triangles without area
+    """
+    as_choice(weights, FACE_WEIGHTS, name="face weights")
+    double = np.linalg.norm(face_vectors(points, faces), axis=1)
+    if weights == "area":
+        return np.repeat((double > 0).astype(np.float64)[:, None], 3, axis=1)
+    result = np.zeros((len(faces), 3))
+    for corner in range(3):
+        here, after, before = (points[faces[:, (corner + i) % 3]] for i in range(3))
+        a, b = after - here, before - here
+        if weights == "angle":
+            value, scale = np.arctan2(double, (a * b).sum(1)), double
+        else:
+            value, scale = np.ones(len(faces)), (a * a).sum(1) * (b * b).sum(1)
+        np.divide(value, scale, out=result[:, corner], where=(scale > 0) & (double > 0))
+    return result
+
+
+def vertex_normals(points, faces, *, weights="area"):
+    """Return the weighted mean of face normals at each vertex.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    faces : (m, 3) int
+    weights : see `corner_weights`
+
+    Returns
+    -------
+    (n, 3) float64, unit; zero at vertices without a face of any area.
+    """
+    vectors = face_vectors(points, faces)
+    scale = corner_weights(points, faces, weights)
+    total = np.zeros(points.shape)
+    for corner in range(3):
+        share = vectors * scale[:, corner, None]
+        for axis in range(3):
+            total[:, axis] += np.bincount(
+                faces[:, corner], share[:, axis], minlength=len(points)
+            )
+    return unit(total)
+
+
+def face_cone(points, faces, axes):
+    """Return how wide the faces at each vertex open around an axis.
+
+    Parameters
+    ----------
+    axes : (n, 3) float64, unit
+
+    Returns
+    -------
+    (n,) float64, the least cosine between the axis and a face's normal; 1 at vertices
+    without a face.
+    """
+    normals = unit(face_vectors(points, faces))
+    least = np.ones(len(points))
+    for corner in range(3):
+        at = faces[:, corner]
+        cosine = (normals * axes[at]).sum(axis=1)
+        # A face without area has no normal and no say.
+        cosine[(normals == 0).all(axis=1)] = 1
+        np.minimum.at(least, at, cosine)
+    return least
+
+
+def unit(vectors):
+    """Return vectors at length one, and zero vectors as they are, (..., 3)."""
+    # Scaled first: the square of a very small or very large component would be
+    # rounded to zero or to infinity.
+    top = np.abs(vectors).max(axis=-1, keepdims=True)
+    scaled = np.divide(vectors, top, out=np.zeros_like(vectors), where=top > 0)
+    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
+    return np.divide(scaled, length, out=scaled, where=length > 0)

@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Who is near whom: the graph G = (V, E) of Table 1 of the paper.
+
+Two kinds of neighborhood answer to the same call, `neighbors(rows)`: nearest points,
+found on demand in a kd-tree so that nothing grows with the number of points, and the
+rows of an adjacency matrix (Delaunay edges, mesh edges), grown by rings.
+"""
+
+import numpy as np
+
+from .inputs import InputError, as_faces, as_points
+
+# scipy.spatial and scipy.sparse take longer to import than the rest of the core;
+# functions that need them import them.
+
+
+class NearestNeighbors:
+    """The k nearest points, asked for chunk by chunk.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+
+    Attributes
+    ----------
+    order : (n,) int
+        The points leaf by leaf. Queries in this order share their path down the
+        tree and the memory they gather from, which makes them twice as fast.
+    """
+
+    def __init__(self, points):
+        from scipy.spatial import cKDTree
+
+        # A sliding-midpoint tree builds several times faster than a balanced one
+        # and answers as fast on surfaces.
+        self.tree = cKDTree(
+            points, leafsize=16, balanced_tree=False, compact_nodes=False
+        )
+        self.points = points
+        self.order = self.tree.indices
+
+    def neighbors(self, rows, count, *, radius=None):
+        """Return the nearest points of the given ones, nearest first.
+
+        Parameters
+        ----------
+        rows : (m,) int
+        count : int
+            Neighbors beside the point itself, at most n - 1.
+        radius : float, optional
+            Leave out neighbors farther away.
+
+        Returns
+        -------
+        index : (m, count) int
+            Where fewer are within the radius, the point's own index fills the row.
+        distance : (m, count) float64
+            Zero where the point itself stands in.
+        """
+        distance, index = self.tree.query(self.points[rows], k=count + 1)
+        index, distance = self._without_self(rows, index, distance)
+        if radius is not None:
+            far = distance > radius
+            index = np.where(far, rows[:, None], index)
+            distance = np.where(far, 0.0, distance)
+        return index, distance
+
+    @staticmethod
+    def _without_self(rows, index, distance):
+        """Drop each point from its own row; a twin may stand before it."""
+        if (index[:, 0] == rows).all():
+            return index[:, 1:], distance[:, 1:]
+        own = index == rows[:, None]
+        # More than `count` twins push the point out of its row: drop the last then.
+        own[~own.any(axis=1), -1] = True
+        shape = (len(rows), index.shape[1] - 1)
+        return index[~own].reshape(shape), distance[~own].reshape(shape)
+
+
+class NeighborGraph:
+    """An undirected graph over points, as the rows of an adjacency matrix.
+
+    Parameters
+    ----------
+    matrix : (n, n) scipy sparse matrix
+        Any nonzero (i, j) or (j, i) joins i and j; the diagonal is ignored.
+
+    Examples
+    --------
+    >>> graph = NeighborGraph.mesh(4, [[0, 1, 2], [1, 3, 2]])
+    >>> graph.row(0)
+    array([1, 2], dtype=int32)
+    """
+
+    def __init__(self, matrix):
+        from scipy import sparse
+
+        matrix = sparse.csr_matrix(matrix, dtype=bool)
+        matrix = (matrix + matrix.T).tocoo()
+        apart = matrix.row != matrix.col
+        self._set(
+            sparse.csr_matrix(
+                (matrix.data[apart], (matrix.row[apart], matrix.col[apart])),
+                shape=matrix.shape,
+            )
+        )
+
+    def _set(self, matrix):
+        matrix.sort_indices()
+        self.matrix = matrix
+        self.indptr, self.indices = matrix.indptr, matrix.indices
+
+    @classmethod
+    def from_edges(cls, count, edges):
+        """Make the graph of `count` points with (e, 2) int edges."""
+        from scipy import sparse
+
+        edges = np.asarray(edges).reshape(-1, 2)
+        data = np.ones(len(edges), dtype=bool)
+        return cls(sparse.coo_matrix((data, edges.T), shape=(count, count)))
+
+    @classmethod
+    def nearest(cls, points, count, *, radius=None):
+        """Join every point with its `count` nearest, within `radius` if given."""
+        points = as_points(points, least=2)
+        count = min(count, len(points) - 1)
+        rows = np.arange(len(points))
+        index, _ = NearestNeighbors(points).neighbors(rows, count, radius=radius)
+        edges = np.stack([np.repeat(rows, count), index.ravel()], axis=1)
+        return cls.from_edges(len(points), edges)
+
+    @classmethod
+    def delaunay(cls, points):
+        """Join the points along the edges of their Delaunay complex.
+
+        Notes
+        -----
+        Tetrahedra in space, as in section 4 of the paper; triangles where all points
+        lie in one plane, where there are no tetrahedra.
+        """
+        simplices = delaunay_simplices(as_points(points, least=3))
+        corners = np.triu_indices(simplices.shape[1], 1)
+        edges = np.concatenate(
+            [simplices[:, pair] for pair in np.stack(corners, axis=1)]
+        )
+        return cls.from_edges(len(points), edges)
+
+    @classmethod
+    def mesh(cls, count, faces):
+        """Join `count` vertices along the edges of (m, 3) triangles."""
+        faces = as_faces(faces, count)
+        if faces is None:
+            raise InputError("expected at least one face for a mesh graph, got none")
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        return cls.from_edges(count, edges)
+
+    def __len__(self):
+        return len(self.indptr) - 1
+
+    @property
+    def degrees(self):
+        """(n,) int, the number of neighbors of each point."""
+        return np.diff(self.indptr)
+
+    @property
+    def edges(self):
+        """(e, 2) int, every edge once, the smaller index first."""
+        matrix = self.matrix.tocoo()
+        once = matrix.row < matrix.col
+        return np.stack([matrix.row[once], matrix.col[once]], axis=1)
+
+    def row(self, i):
+        """Return the neighbors of point i, (degree,) int, increasing."""
+        return self.indices[self.indptr[i] : self.indptr[i + 1]]
+
+    def neighbors(self, rows):
+        """Return the neighbors of the given points in a rectangle.
+
+        Parameters
+        ----------
+        rows : (m,) int
+
+        Returns
+        -------
+        (m, w) int, w the largest degree among the rows; a point's own index fills
+        its row up.
+        """
+        degrees = self.degrees[rows]
+        column = np.arange(degrees.max(initial=0))
+        present = column < degrees[:, None]
+        at = np.minimum(self.indptr[rows][:, None] + column, len(self.indices) - 1)
+        return np.where(present, self.indices[at], np.asarray(rows)[:, None])
+
+    def extended(self, least, *, rings=6):
+        """Return the graph with short rows grown ring by ring.
+
+        A row with fewer than `least` neighbors takes the neighbors of its neighbors
+        (the k-neighborhood of section 4), again and again up to `rings` times; rows
+        long enough are left as they are. The result is no longer symmetric.
+
+        Parameters
+        ----------
+        least : int
+
+        Returns
+        -------
+        NeighborGraph
+            A small piece of the graph may still have shorter rows.
+        """
+        from scipy import sparse
+
+        grown = self.matrix.astype(np.int32)
+        step = grown.copy()
+        for _ in range(rings):
+            short = np.flatnonzero(np.diff(grown.indptr) < least)
+            if not len(short):
+                break
+            wider = grown[short] + grown[short] @ step
+            wider = _without_diagonal(wider.tocoo(), short)
+            if wider.nnz == np.diff(grown.indptr)[short].sum():
+                break
+            grown = _with_rows(grown, short, wider)
+        graph = NeighborGraph.__new__(NeighborGraph)
+        graph._set(sparse.csr_matrix(grown, dtype=bool))
+        return graph
+
+
+def _without_diagonal(rows, ids):
+    """Return the given (m, n) rows, coo, of points `ids` without their own entries."""
+    from scipy import sparse
+
+    apart = ids[rows.row] != rows.col
+    return sparse.csr_matrix(
+        (rows.data[apart], (rows.row[apart], rows.col[apart])), shape=rows.shape
+    )
+
+
+def _with_rows(matrix, ids, rows):
+    """Return the matrix with rows `ids` replaced."""
+    from scipy import sparse
+
+    kept = np.ones(matrix.shape[0], dtype=np.int32)
+    kept[ids] = 0
+    place = sparse.csr_matrix(
+        (np.ones(len(ids), dtype=np.int32), (ids, np.arange(len(ids)))),
+        shape=(matrix.shape[0], len(ids)),
+    )
+    merged = (sparse.diags(kept, dtype=np.int32) @ matrix + place @ rows).tocsr()
+    merged.eliminate_zeros()
+    # Counts of paths are of no use and would overflow ring by ring.
+    merged.data[:] = 1
+    return merged
+
+
+def delaunay_simplices(points):
+    """Return the Delaunay tetrahedra of points in space, or triangles in a plane.
+
+    Parameters
+    ----------
+    points : (n, 2) or (n, 3) float64
+
+    Returns
+    -------
+    (m, 4) or (m, 3) int; empty where the points span no plane.
+
+    Notes
+    -----
+    Points that share a place are joined with nothing but the one of them that qhull
+    keeps. Points in space are moved by a billionth of their size first: thousands on
+    one sphere have no Delaunay complex of their own, and the fan that qhull makes
+    of them joins one point with all.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
+    centered = points - points.mean(axis=0)
+    _, spread, axes = np.linalg.svd(centered, full_matrices=False)
+    # What is flat to within rounding of the coordinates has no tetrahedra but those
+    # that rounding makes.
+    rank = int((spread > 1e-12 * spread[0]).sum())
+    if rank < 2 or len(points) < rank + 1:
+        return np.empty((0, 3), dtype=np.int64)
+    seen = centered @ axes[:rank].T
+    if rank == 3:
+        seen = seen + _jitter(seen)
+    try:
+        return Delaunay(seen).simplices.astype(np.int64)
+    except QhullError:
+        return np.empty((0, 3), dtype=np.int64)
+
+
+def _jitter(points):
+    """Return shifts of a billionth of the size that depend on nothing but the place.
+
+    The same point moves alike wherever it stands in the array, so the graph does not
+    depend on the order of the points.
+    """
+    size = np.abs(points).max()
+    mixed = (
+        points / size @ np.array([[1.0, 1.7, 2.9], [2.3, 3.1, 1.3], [3.7, 1.1, 1.9]])
+    )
+    return 1e-9 * size * np.sin(1e6 * mixed)

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Patches: exact on biquadratics, equal to the calculus on their own time scales."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core import TimeScale
+from core.patch import TERMS, fit_patches, jumps, principal_axes, tangent_axes
+
+
+def neighborhoods(count=20, m=50, seed=0, tilt=0.3):
+    """Random neighborhoods in the unit disk, as z of random Eq. (2) surfaces."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(-0.7, 0.7, (2, count, m))
+    a = rng.normal(0, tilt, (8, m))
+    z = sum(c * x**i * y**j for c, (i, j) in zip(a, TERMS, strict=True))
+    return np.stack([x, y, z]), a
+
+
+def patches_of(offsets, **options):
+    return fit_patches(offsets, np.ones(offsets.shape[2]), **options)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_recovers_eq_2_in_the_global_chart(exact):
+    offsets, a = neighborhoods()
+    patches = patches_of(offsets, chart="global", exact=exact)
+    # The ridge of the normal equations shifts coefficients by 1e-10 of the worst
+    # condition number of the Gram matrices here, some 1e5.
+    tolerance = 1e-10 if exact else 1e-4
+    np.testing.assert_allclose(patches.coefficients, a, atol=tolerance)
+    np.testing.assert_allclose(patches.residuals(), 0, atol=tolerance)
+    assert patches.valid.all()
+
+
+def test_eight_neighbors_interpolate():
+    offsets, a = neighborhoods(count=8, m=20)
+    patches = patches_of(offsets, chart="global", exact=True)
+    good = patches.condition < 1e6
+    assert good.sum() > 10
+    np.testing.assert_allclose(patches.coefficients[:, good], a[:, good], atol=1e-7)
+
+
+def test_condition_is_that_of_the_matrix_of_eq_3():
+    offsets, _ = neighborhoods(m=5)
+    patches = patches_of(offsets, chart="global")
+    for i in range(5):
+        x, y = offsets[0, :, i], offsets[1, :, i]
+        design = np.stack([x**p * y**q for p, q in TERMS], axis=1)
+        assert patches.condition[i] == pytest.approx(np.linalg.cond(design))
+
+
+def test_paper_slopes_are_the_symmetric_quotient_of_the_patch():
+    offsets, a = neighborhoods()
+    patches = patches_of(offsets, chart="global", exact=True)
+    sigma, rho = jumps(offsets[0])
+    expected = ((a[0] * sigma + a[2] * sigma**2) - (a[0] * rho + a[2] * rho**2)) / (
+        sigma - rho
+    )
+    slope, _ = patches.slopes(weights="paper")
+    np.testing.assert_allclose(slope, expected, atol=1e-9)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10**6), st.sampled_from(["principal", "global"]))
+def test_closed_form_is_grid_surface_on_the_bundle(seed, chart):
+    """The normal in closed form is that of the bundle's grid at the point itself."""
+    offsets, _ = neighborhoods(count=12, m=3, seed=seed)
+    patches = patches_of(offsets, chart=chart, exact=True)
+    for column in range(3):
+        bundle = patches.bundle(column, origin=(1.0, 2.0, 3.0))
+        here = tuple(
+            int(np.flatnonzero(T.points == 0)[0]) for T in (bundle.T1, bundle.T2)
+        )
+        np.testing.assert_allclose(bundle.points[here], [1, 2, 3], atol=1e-12)
+        ends = any(
+            i in (0, len(T) - 1)
+            for i, T in zip(here, (bundle.T1, bundle.T2), strict=True)
+        )
+        for weights in ("paper",) if ends else ("paper", "second_order"):
+            closed = patches.normals(weights=weights)[column]
+            grid = bundle.normals(weights=weights)[here]
+            # Quotients over the smallest jump, some 1e-3, of rounding 1e-16.
+            np.testing.assert_allclose(closed, grid, atol=1e-9)
+
+
+def test_one_sided_ends_use_the_jump_that_exists():
+    x = np.array([[0.5], [1.0], [0.25], [0.75]])
+    sigma, rho = jumps(x)
+    assert (sigma, rho) == (0.25, 0)
+    sigma, rho = jumps(-x)
+    assert (sigma, rho) == (0, -0.25)
+
+
+def test_bundle_is_a_grid_over_the_neighbors():
+    offsets, _ = neighborhoods(count=9, m=1)
+    bundle = patches_of(offsets, chart="global").bundle()
+    assert isinstance(bundle.T1, TimeScale)
+    assert bundle.points.shape == (10, 10, 3)
+    np.testing.assert_array_equal(
+        bundle.T1.points, np.sort(np.append(offsets[0, :, 0], 0))
+    )
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_axes_lie_between_the_eigenvectors(dtype):
+    rng = np.random.default_rng(1)
+    offsets = rng.normal(size=(3, 30, 100)) * np.array([1, 0.5, 0.1])[:, None, None]
+    offsets = np.einsum(
+        "ij,jkm->ikm", np.linalg.qr(rng.normal(size=(3, 3)))[0], offsets
+    )
+    u, v, n, spans = principal_axes(offsets.astype(dtype), np.full(100, 30))
+    everyone = np.concatenate([offsets, np.zeros((3, 1, 100))], axis=1)
+    for i in range(100):
+        expected = np.linalg.eigh(np.cov(everyone[:, :, i]))[1]
+        rounding = 10 * float(np.finfo(dtype).eps)
+        assert abs(expected[:, 0] @ n[:, i]) == pytest.approx(1, abs=rounding)
+        # Between the other two: the diagonal.
+        assert abs(expected[:, 1] @ u[:, i]) == pytest.approx(0.5**0.5, abs=rounding)
+        assert abs(expected[:, 2] @ v[:, i]) == pytest.approx(0.5**0.5, abs=rounding)
+    np.testing.assert_allclose(np.cross(u, v, axis=0), n, atol=1e-6)
+    assert spans.all()
+
+
+def test_a_line_and_a_single_place_span_nothing():
+    line = np.zeros((3, 10, 2))
+    line[:, :, 0] = np.array([1, 2, 3])[:, None] * np.linspace(-1, 1, 10)
+    *axes, spans = principal_axes(line, np.array([10, 0]))
+    assert not spans.any()
+    assert np.isfinite(axes).all()
+    assert not patches_of(line).valid.any()
+    np.testing.assert_array_equal(patches_of(line).normals(), 0)
+
+
+def test_seven_neighbors_are_too_few():
+    offsets, _ = neighborhoods(count=9, m=2)
+    offsets[:, 7:, 1] = 0
+    np.testing.assert_array_equal(patches_of(offsets).valid, [True, False])
+
+
+@given(st.integers(0, 10**6))
+def test_tangent_axes_complete_a_right_handed_frame(seed):
+    n = np.random.default_rng(seed).normal(size=(3, 20))
+    n[:, 0] = [0, 0, -1]
+    n[:, 1] = [0, 0, 1]
+    n /= np.linalg.norm(n, axis=0)
+    u, v = tangent_axes(n)
+    np.testing.assert_allclose(np.cross(u, v, axis=0), n, atol=1e-12)
+    np.testing.assert_allclose((u * v).sum(axis=0), 0, atol=1e-12)
+    np.testing.assert_allclose((u * u).sum(axis=0), 1, atol=1e-12)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Imports go one way: from later rooms of the house to earlier ones."""
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+BLENDER = {"bpy", "bmesh", "gpu", "gpu_extras", "mathutils", "blf"}
+
+# A module of core imports only modules that stand before it here.
+CORE_ORDER = (
+    "inputs",
+    "timescale",
+    "surface",
+    "faces",
+    "graph",
+    "patch",
+    "scale",
+    "orientation",
+    "estimate",
+    "delaunay",
+    "comparison",
+    "shapes",
+    "__init__",
+)
+
+
+def imports(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield (level, dotted name) of every import; `from . import a` gives (1, "a")."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((0, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.level, node.module
+        elif isinstance(node, ast.ImportFrom):
+            yield from ((node.level, alias.name) for alias in node.names)
+
+
+def sources(folder: str) -> list[Path]:
+    return sorted((ROOT / folder).rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", sources("core"), ids=lambda path: path.stem)
+def test_core_imports_only_earlier_rooms(path):
+    assert path.stem in CORE_ORDER, "give the new module its place in CORE_ORDER"
+    earlier = CORE_ORDER[: CORE_ORDER.index(path.stem)]
+    for level, name in imports(path):
+        assert level <= 1, f"{path.name} imports from outside core: {name}"
+        if level == 1:
+            assert name.partition(".")[0] in earlier, f"{path.name} imports {name}"
+
+
+@pytest.mark.parametrize("path", sources("core"), ids=lambda path: path.stem)
+def test_core_needs_numpy_scipy_and_the_standard_library_only(path):
+    allowed = {"numpy", "scipy", *sys.stdlib_module_names}
+    roots = {name.partition(".")[0] for level, name in imports(path) if level == 0}
+    assert roots <= allowed
+
+
+@pytest.mark.parametrize("path", sources("addon"), ids=lambda path: path.stem)
+def test_addon_reaches_core_by_relative_imports(path):
+    allowed = {"numpy", *BLENDER, *sys.stdlib_module_names}
+    roots = {name.partition(".")[0] for level, name in imports(path) if level == 0}
+    assert roots <= allowed, "core and addon are imported relatively"
+    outside = {name.partition(".")[0] for level, name in imports(path) if level == 2}
+    assert outside <= {"core"}
+
+
+def test_blender_is_out_of_reach_of_core_and_the_entry_point():
+    for path in (*sources("core"), ROOT / "__init__.py"):
+        roots = {name.partition(".")[0] for level, name in imports(path) if level == 0}
+        assert not roots & BLENDER, f"{path.name} imports {roots & BLENDER}"
