@@ -17,6 +17,10 @@ _SAMPLES = 1024
 # 2 / (E[x^2] - E[x^2 y^2]^2 / E[x^2 y^4]) = 2 / (1/4 - (1/24)^2 * 64).
 _SLOPE_VARIANCE = 14.4
 
+# Slopes this uncertain (10 degrees) say that the chart itself has turned into the
+# noise: residuals no longer tell how wrong the normals are, only that they are.
+_LOST = np.radians(10) ** 2
+
 
 def choose_neighbors(nearest):
     """Choose one number of neighbors for a whole cloud.
@@ -37,7 +41,7 @@ def choose_neighbors(nearest):
     The variance follows from the residuals. The bias shows in the difference between
     the slopes at k and at the step of the ladder before: what exceeds the difference
     of the two variances is b(k) - b(k'), and as the leading bias grows with the area
-    of a patch, b(k') = b(k) k'/k.
+    of a patch, b(k') = b(k) k'/k. Steps lost in the noise are out of the choice.
     """
     n = len(nearest.points)
     ladder = [k for k in LADDER if k <= n // 4] or [min(LADDER[0], n - 1)]
@@ -57,7 +61,8 @@ def choose_neighbors(nearest):
         growth = 1 - ladder[i - 1] / ladder[i]
         bias = max(0.0, (change - expected).mean()) / growth**2
         error.append(variance[i][valid].mean() + bias)
-    best = int(np.argmin(error))
+    lost = [v[valid].mean() > _LOST for v in variance]
+    best = int(np.argmin(np.where(lost, np.inf, error))) if not all(lost) else -1
     return ladder[best], float(np.median(noise[best][valid]))
 
 
