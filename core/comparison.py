@@ -6,11 +6,14 @@ References
 [1] See `timescale`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from .inputs import InputError, as_choice, as_normals
+from .estimate import Estimate
+from .inputs import BoolArray, FloatArray, InputError, IntArray, as_choice, as_normals
 
 # Colors of a sequential and a diverging map, dark to light and side to side, as sRGB
 # bytes. Between them the maps are linear in Oklab, whose steps look alike.
@@ -52,27 +55,27 @@ class Comparison:
         Angle to the truth, in degrees.
     """
 
-    deviation: np.ndarray
-    angle_deviation: np.ndarray
-    error_estimate: np.ndarray | None = None
-    error_baseline: np.ndarray | None = None
-    angle_estimate: np.ndarray | None = None
-    angle_baseline: np.ndarray | None = None
+    deviation: FloatArray
+    angle_deviation: FloatArray
+    error_estimate: FloatArray | None = None
+    error_baseline: FloatArray | None = None
+    angle_estimate: FloatArray | None = None
+    angle_baseline: FloatArray | None = None
 
     @property
-    def compared(self):
+    def compared(self) -> BoolArray:
         """(n,) bool, where both sides have a normal."""
         return np.isfinite(self.deviation)
 
     @property
-    def wins(self):
+    def wins(self) -> BoolArray | None:
         """(n,) bool, where the estimate's error is the smaller; None without truth."""
-        if self.error_estimate is None:
+        if self.error_estimate is None or self.error_baseline is None:
             return None
         return self.error_estimate < self.error_baseline
 
     @property
-    def log_ratio(self):
+    def log_ratio(self) -> FloatArray | None:
         """(n,) log10 of baseline's error over estimate's; None without truth."""
         if self.error_estimate is None or self.error_baseline is None:
             return None
@@ -83,12 +86,16 @@ class Comparison:
             / np.maximum(self.error_estimate, floor)
         )
 
-    def summary(self):
+    def summary(self) -> dict[str, float | int]:
         """Return counts and statistics as a dict of plain floats and ints."""
-        result = {"points": len(self.deviation), "compared": int(self.compared.sum())}
-        if self.error_estimate is not None:
-            result["wins"] = int(self.wins.sum())
-            result["wins_percent"] = _percent(self.wins, self.compared)
+        result: dict[str, float | int] = {
+            "points": len(self.deviation),
+            "compared": int(self.compared.sum()),
+        }
+        wins = self.wins
+        if wins is not None:
+            result["wins"] = int(wins.sum())
+            result["wins_percent"] = _percent(wins, self.compared)
         for name in (
             "error_estimate",
             "error_baseline",
@@ -102,7 +109,13 @@ class Comparison:
                 result.update(_statistics(name, values))
         return result
 
-    def histogram(self, measure="deviation", *, bins=40, limit=None):
+    def histogram(
+        self,
+        measure: str = "deviation",
+        *,
+        bins: int = 40,
+        limit: float | None = None,
+    ) -> tuple[IntArray, FloatArray]:
         """Return counts (bins,) and edges (bins + 1,) of a measure from 0 to limit.
 
         Values beyond the limit count in the last bin.
@@ -112,7 +125,9 @@ class Comparison:
         low, high = self.limits(measure, limit=limit)
         return np.histogram(np.clip(values, low, high), bins=bins, range=(low, high))
 
-    def limits(self, measure="deviation", *, limit=None):
+    def limits(
+        self, measure: str = "deviation", *, limit: float | None = None
+    ) -> tuple[float, float]:
         """Return the values at the two ends of the color map.
 
         Without a limit: the 95th percentile of the measure's magnitude, so that a
@@ -125,7 +140,9 @@ class Comparison:
         high = limit if limit > 0 else 1.0
         return (-high if measure == "log_ratio" else 0.0), high
 
-    def colors(self, measure="deviation", *, limit=None):
+    def colors(
+        self, measure: str = "deviation", *, limit: float | None = None
+    ) -> FloatArray:
         """Return colors of a measure.
 
         Parameters
@@ -159,7 +176,12 @@ class Comparison:
         return values
 
 
-def compare_normals(estimate, baseline, *, truth=None):
+def compare_normals(
+    estimate: Estimate | ArrayLike,
+    baseline: Estimate | ArrayLike,
+    *,
+    truth: ArrayLike | None = None,
+) -> Comparison:
     """Compare estimated normals with a baseline's.
 
     Parameters
@@ -176,14 +198,13 @@ def compare_normals(estimate, baseline, *, truth=None):
     InputError
         When the arrays are not of one length.
     """
-    estimate, baseline = (getattr(a, "normals", a) for a in (estimate, baseline))
-    count = len(np.asarray(estimate))
-    estimate = as_normals(estimate, count, name="estimated normals")
-    baseline = as_normals(baseline, count, name="baseline normals")
-    pairs = {"deviation": (estimate, baseline)}
+    count = len(_vectors(estimate))
+    ours = as_normals(_vectors(estimate), count, name="estimated normals")
+    theirs = as_normals(_vectors(baseline), count, name="baseline normals")
+    pairs = {"deviation": (ours, theirs)}
     if truth is not None:
-        truth = as_normals(truth, count, name="true normals")
-        pairs |= {"estimate": (estimate, truth), "baseline": (baseline, truth)}
+        exact = as_normals(truth, count, name="true normals")
+        pairs |= {"estimate": (ours, exact), "baseline": (theirs, exact)}
     absent = ~np.logical_and.reduce(
         [(normals != 0).any(axis=1) for pair in pairs.values() for normals in pair]
     )
@@ -195,12 +216,16 @@ def compare_normals(estimate, baseline, *, truth=None):
     return Comparison(**measured)
 
 
-def infinity_norm(a, b):
+def _vectors(normals):
+    return normals.normals if isinstance(normals, Estimate) else np.asarray(normals)
+
+
+def infinity_norm(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the sign-free infinity norm of a - b for rows of unit vectors, (n,)."""
     return np.minimum(np.abs(a - b).max(axis=1), np.abs(a + b).max(axis=1))
 
 
-def angle(a, b):
+def angle(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the sign-free angle between rows of unit vectors in degrees, (n,).
 
     By the arctangent of sine and cosine, which keeps small angles exact.
@@ -209,7 +234,7 @@ def angle(a, b):
     return np.degrees(np.arctan2(sine, np.abs((a * b).sum(axis=1))))
 
 
-def ramp_colors(stops, share):
+def ramp_colors(stops: Sequence[tuple[int, int, int]], share: FloatArray) -> FloatArray:
     """Return linear sRGB colors of a map at shares 0 to 1, (..., 3) float64.
 
     Parameters

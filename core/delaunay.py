@@ -7,10 +7,11 @@ References
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .faces import unit, vertex_normals
 from .graph import NearestNeighbors, delaunay_simplices
-from .inputs import InputError, as_faces, as_numbers, as_points
+from .inputs import FloatArray, InputError, as_faces, as_numbers, as_points
 from .patch import principal_axes
 
 # Candidates for the Delaunay star of a point. On even samples a star has six
@@ -21,7 +22,12 @@ _CANDIDATES = 24
 _CHUNK = 8192
 
 
-def delaunay_normals(points, *, faces=None, parameters=None):
+def delaunay_normals(
+    points: ArrayLike,
+    *,
+    faces: ArrayLike | None = None,
+    parameters: ArrayLike | None = None,
+) -> FloatArray:
     """Return area-weighted vertex normals of a Delaunay triangulation.
 
     Parameters

@@ -2,16 +2,27 @@
 """From points to normals: settings, neighborhoods, patches, signs."""
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .faces import face_cone, vertex_normals
 from .graph import NearestNeighbors, NeighborGraph
-from .inputs import InputError, as_choice, as_faces, as_normals, as_points
+from .inputs import (
+    BoolArray,
+    FloatArray,
+    InputError,
+    IntArray,
+    as_choice,
+    as_faces,
+    as_normals,
+    as_points,
+)
 from .orientation import MODES, find_orientation
-from .patch import LEAST_NEIGHBORS, fit_patches
+from .patch import LEAST_NEIGHBORS, Patches, fit_patches
 from .scale import choose_neighbors
 from .timescale import WEIGHTS
 
@@ -125,14 +136,14 @@ class Estimate:
         Pieces that were oriented each on its own; 0 where no pieces were looked for.
     """
 
-    normals: np.ndarray
-    valid: np.ndarray
+    normals: FloatArray
+    valid: BoolArray
     settings: Settings
-    condition: np.ndarray | None = None
+    condition: FloatArray | None = None
     from_faces: int = 0
     pieces: int = 0
 
-    def summary(self):
+    def summary(self) -> dict[str, object]:
         """Return what a report needs, as a dict of plain values."""
         return {
             "points": len(self.valid),
@@ -148,7 +159,13 @@ class Estimate:
         }
 
 
-def estimate_normals(points, *, faces=None, settings=None, progress=None):
+def estimate_normals(
+    points: ArrayLike,
+    *,
+    faces: ArrayLike | None = None,
+    settings: Settings | None = None,
+    progress: Callable[[float], object] | None = None,
+) -> Estimate:
     """Estimate the unit normals of a surface from points on it.
 
     Parameters
@@ -215,7 +232,9 @@ def _silent(_share):
     """Report progress to nobody."""
 
 
-def unique_points(points):
+def unique_points(
+    points: FloatArray,
+) -> tuple[IntArray | None, IntArray | None]:
     """Find points that share a place.
 
     Returns
@@ -245,7 +264,9 @@ def unique_points(points):
     return first[order], rank[inverse.ravel()]
 
 
-def neighborhoods(points, faces, settings):
+def neighborhoods(
+    points: FloatArray, faces: IntArray | None, settings: Settings
+) -> "tuple[Nearest | Rings, Settings]":
     """Return who is whose neighbor, and how many, as the settings ask.
 
     Parameters
@@ -297,7 +318,7 @@ class _Source:
     def _offsets(self, rows):
         raise NotImplementedError
 
-    def fit(self, rows):
+    def fit(self, rows: IntArray) -> Patches:
         """Return the Patches of the given (m,) points."""
         offsets, reach = self._offsets(rows)
         return fit_patches(
@@ -324,7 +345,7 @@ class Nearest(_Source):
         self.rank = np.empty(len(self.points), dtype=np.int32)
         self.rank[nearest.order] = np.arange(len(self.points), dtype=np.int32)
 
-    def chunks(self):
+    def chunks(self) -> list[IntArray]:
         """Return the rows chunk by chunk, leaf by leaf."""
         order = self.nearest.order
         return [order[at : at + _CHUNK] for at in range(0, len(order), _CHUNK)]
@@ -353,7 +374,7 @@ class Rings(_Source):
             graph = NeighborGraph.delaunay(points)
         self.graph = graph.extended(settings.neighbors)
 
-    def chunks(self):
+    def chunks(self) -> list[IntArray]:
         """Return the rows chunk by chunk, those of like degree together."""
         degrees = self.graph.degrees
         order = np.argsort(degrees, kind="stable")

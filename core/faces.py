@@ -9,12 +9,12 @@ References
 
 import numpy as np
 
-from .inputs import as_choice
+from .inputs import FloatArray, IntArray, as_choice
 
 FACE_WEIGHTS = ("area", "angle", "max")
 
 
-def face_vectors(points, faces):
+def face_vectors(points: FloatArray, faces: IntArray) -> FloatArray:
     """Return the cross products of the triangles: direction normal, length 2 x area.
 
     Returns
@@ -25,7 +25,7 @@ def face_vectors(points, faces):
     return np.cross(b - a, c - a)
 
 
-def corner_weights(points, faces, weights):
+def corner_weights(points: FloatArray, faces: IntArray, weights: str) -> FloatArray:
     """Return what each triangle's cross product counts at each of its corners.
 
     Parameters
@@ -54,7 +54,9 @@ def corner_weights(points, faces, weights):
     return result
 
 
-def vertex_normals(points, faces, *, weights="area"):
+def vertex_normals(
+    points: FloatArray, faces: IntArray, *, weights: str = "area"
+) -> FloatArray:
     """Return the weighted mean of face normals at each vertex.
 
     Parameters
@@ -79,7 +81,7 @@ def vertex_normals(points, faces, *, weights="area"):
     return unit(total)
 
 
-def face_cone(points, faces, axes):
+def face_cone(points: FloatArray, faces: IntArray, axes: FloatArray) -> FloatArray:
     """Return how wide the faces at each vertex open around an axis.
 
     Parameters
@@ -102,7 +104,7 @@ def face_cone(points, faces, axes):
     return least
 
 
-def unit(vectors):
+def unit(vectors: FloatArray) -> FloatArray:
     """Return vectors at length one, and zero vectors as they are, (..., 3)."""
     # Scaled first: the square of a very small or very large component would be
     # rounded to zero or to infinity.

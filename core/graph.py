@@ -6,9 +6,12 @@ found on demand in a kd-tree so that nothing grows with the number of points, an
 rows of an adjacency matrix (Delaunay edges, mesh edges), grown by rings.
 """
 
-import numpy as np
+from typing import Any
 
-from .inputs import InputError, as_faces, as_points
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .inputs import FloatArray, InputError, IntArray, as_faces, as_points
 
 # scipy.spatial and scipy.sparse take longer to import than the rest of the core;
 # functions that need them import them.
@@ -28,7 +31,7 @@ class NearestNeighbors:
         tree and the memory they gather from, which makes them twice as fast.
     """
 
-    def __init__(self, points):
+    def __init__(self, points: FloatArray) -> None:
         from scipy.spatial import cKDTree
 
         # A sliding-midpoint tree builds several times faster than a balanced one
@@ -39,7 +42,9 @@ class NearestNeighbors:
         self.points = points
         self.order = self.tree.indices
 
-    def neighbors(self, rows, count, *, radius=None):
+    def neighbors(
+        self, rows: IntArray, count: int, *, radius: float | None = None
+    ) -> tuple[IntArray, FloatArray]:
         """Return the nearest points of the given ones, nearest first.
 
         Parameters
@@ -92,7 +97,7 @@ class NeighborGraph:
     array([1, 2], dtype=int32)
     """
 
-    def __init__(self, matrix):
+    def __init__(self, matrix: Any) -> None:
         from scipy import sparse
 
         matrix = sparse.csr_matrix(matrix, dtype=bool)
@@ -111,7 +116,7 @@ class NeighborGraph:
         self.indptr, self.indices = matrix.indptr, matrix.indices
 
     @classmethod
-    def from_edges(cls, count, edges):
+    def from_edges(cls, count: int, edges: ArrayLike) -> "NeighborGraph":
         """Make the graph of `count` points with (e, 2) int edges."""
         from scipy import sparse
 
@@ -120,7 +125,9 @@ class NeighborGraph:
         return cls(sparse.coo_matrix((data, edges.T), shape=(count, count)))
 
     @classmethod
-    def nearest(cls, points, count, *, radius=None):
+    def nearest(
+        cls, points: ArrayLike, count: int, *, radius: float | None = None
+    ) -> "NeighborGraph":
         """Join every point with its `count` nearest, within `radius` if given."""
         points = as_points(points, least=2)
         count = min(count, len(points) - 1)
@@ -130,7 +137,7 @@ class NeighborGraph:
         return cls.from_edges(len(points), edges)
 
     @classmethod
-    def delaunay(cls, points):
+    def delaunay(cls, points: ArrayLike) -> "NeighborGraph":
         """Join the points along the edges of their Delaunay complex.
 
         Notes
@@ -138,42 +145,45 @@ class NeighborGraph:
         Tetrahedra in space, as in section 4 of the paper; triangles where all points
         lie in one plane, where there are no tetrahedra.
         """
-        simplices = delaunay_simplices(as_points(points, least=3))
+        checked = as_points(points, least=3)
+        simplices = delaunay_simplices(checked)
         corners = np.triu_indices(simplices.shape[1], 1)
         edges = np.concatenate(
             [simplices[:, pair] for pair in np.stack(corners, axis=1)]
         )
-        return cls.from_edges(len(points), edges)
+        return cls.from_edges(len(checked), edges)
 
     @classmethod
-    def mesh(cls, count, faces):
+    def mesh(cls, count: int, faces: ArrayLike) -> "NeighborGraph":
         """Join `count` vertices along the edges of (m, 3) triangles."""
-        faces = as_faces(faces, count)
-        if faces is None:
+        triangles = as_faces(faces, count)
+        if triangles is None:
             raise InputError("expected at least one face for a mesh graph, got none")
-        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        edges = np.concatenate(
+            [triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]
+        )
         return cls.from_edges(count, edges)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.indptr) - 1
 
     @property
-    def degrees(self):
+    def degrees(self) -> IntArray:
         """(n,) int, the number of neighbors of each point."""
         return np.diff(self.indptr)
 
     @property
-    def edges(self):
+    def edges(self) -> IntArray:
         """(e, 2) int, every edge once, the smaller index first."""
         matrix = self.matrix.tocoo()
         once = matrix.row < matrix.col
         return np.stack([matrix.row[once], matrix.col[once]], axis=1)
 
-    def row(self, i):
+    def row(self, i: int) -> IntArray:
         """Return the neighbors of point i, (degree,) int, increasing."""
         return self.indices[self.indptr[i] : self.indptr[i + 1]]
 
-    def neighbors(self, rows):
+    def neighbors(self, rows: IntArray) -> IntArray:
         """Return the neighbors of the given points in a rectangle.
 
         Parameters
@@ -191,7 +201,7 @@ class NeighborGraph:
         at = np.minimum(self.indptr[rows][:, None] + column, len(self.indices) - 1)
         return np.where(present, self.indices[at], np.asarray(rows)[:, None])
 
-    def extended(self, least, *, rings=6):
+    def extended(self, least: int, *, rings: int = 6) -> "NeighborGraph":
         """Return the graph with short rows grown ring by ring.
 
         A row with fewer than `least` neighbors takes the neighbors of its neighbors
@@ -252,7 +262,7 @@ def _with_rows(matrix, ids, rows):
     return merged
 
 
-def delaunay_simplices(points):
+def delaunay_simplices(points: FloatArray) -> IntArray:
     """Return the Delaunay tetrahedra of points in space, or triangles in a plane.
 
     Parameters

@@ -1,14 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The border of the core: what may come in, and the one error that says what did."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# Shapes are said in the docstrings.
+FloatArray = NDArray[np.floating[Any]]
+IntArray = NDArray[np.integer[Any]]
+BoolArray = NDArray[np.bool_]
 
 
 class InputError(ValueError):
     """Bad input, in one sentence: what was expected and what came."""
 
 
-def as_points(points, *, least=1, name="points"):
+def as_points(points: ArrayLike, *, least: int = 1, name: str = "points") -> FloatArray:
     """Check coordinates and return them as float64.
 
     Parameters
@@ -40,7 +48,7 @@ def as_points(points, *, least=1, name="points"):
     return array
 
 
-def as_numbers(values, *, name):
+def as_numbers(values: ArrayLike, *, name: str) -> FloatArray:
     """Return real numbers as a contiguous float64 array, or raise InputError."""
     try:
         array = np.asarray(values)
@@ -51,7 +59,7 @@ def as_numbers(values, *, name):
         raise InputError(f"expected {name} to be real numbers, got {error}") from None
 
 
-def as_faces(faces, count):
+def as_faces(faces: ArrayLike | None, count: int) -> IntArray | None:
     """Check triangles and return them as int64.
 
     Parameters
@@ -82,7 +90,7 @@ def as_faces(faces, count):
     return array
 
 
-def as_normals(normals, count, *, name="normals"):
+def as_normals(normals: ArrayLike, count: int, *, name: str = "normals") -> FloatArray:
     """Check vectors, one for each of `count` points; return them as float64."""
     array = as_points(normals, least=0, name=name)
     if len(array) != count:
@@ -90,7 +98,7 @@ def as_normals(normals, count, *, name="normals"):
     return array
 
 
-def as_choice(value, choices, *, name):
+def as_choice(value: str, choices: tuple[str, ...], *, name: str) -> str:
     """Return `value` when it is one of `choices`, else raise InputError."""
     if value not in choices:
         raise InputError(f"expected {name} to be one of {choices}, got {value!r}")

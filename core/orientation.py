@@ -10,10 +10,19 @@ References
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .faces import vertex_normals
 from .graph import NearestNeighbors, NeighborGraph
-from .inputs import InputError, as_choice, as_faces, as_normals, as_points
+from .inputs import (
+    FloatArray,
+    InputError,
+    IntArray,
+    as_choice,
+    as_faces,
+    as_normals,
+    as_points,
+)
 
 MODES = (
     "auto",
@@ -42,21 +51,21 @@ class Orientation:
         Connected pieces that were oriented each on its own.
     """
 
-    signs: np.ndarray
+    signs: IntArray
     mode: str
     pieces: int
 
 
 def orient_normals(
-    points,
-    normals,
+    points: ArrayLike,
+    normals: ArrayLike,
     *,
-    mode="auto",
-    faces=None,
-    viewpoint=None,
-    reference=None,
-    graph=None,
-):
+    mode: str = "auto",
+    faces: ArrayLike | None = None,
+    viewpoint: ArrayLike | None = None,
+    reference: ArrayLike | None = None,
+    graph: NeighborGraph | None = None,
+) -> FloatArray:
     """Turn normals to consistent sides.
 
     Parameters
@@ -102,8 +111,15 @@ def orient_normals(
 
 
 def find_orientation(
-    points, normals, *, mode, faces=None, viewpoint=None, reference=None, graph=None
-):
+    points: FloatArray,
+    normals: FloatArray,
+    *,
+    mode: str,
+    faces: IntArray | None = None,
+    viewpoint: ArrayLike | None = None,
+    reference: ArrayLike | None = None,
+    graph: NeighborGraph | None = None,
+) -> Orientation:
     """Return the Orientation of checked arrays; see `orient_normals`."""
     as_choice(mode, MODES, name="orientation")
     if mode == "auto":

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from .inputs import as_choice
+from .inputs import BoolArray, FloatArray, IntArray, as_choice
 from .surface import GridSurface
 from .timescale import WEIGHTS, TimeScale
 
@@ -55,17 +56,17 @@ class Patches:
         Whether there are eight neighbors and they span a plane.
     """
 
-    u: np.ndarray
-    v: np.ndarray
-    n: np.ndarray
-    reach: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    z: np.ndarray
-    coefficients: np.ndarray
-    valid: np.ndarray
+    u: FloatArray
+    v: FloatArray
+    n: FloatArray
+    reach: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    coefficients: FloatArray
+    valid: BoolArray
 
-    def slopes(self, *, weights="second_order"):
+    def slopes(self, *, weights: str = "second_order") -> tuple[FloatArray, FloatArray]:
         """Return the diamond derivatives of z along x and y at the points, 2 x (m,).
 
         Notes
@@ -85,7 +86,7 @@ class Patches:
             a[1] + a[6] * sum(jumps(self.y)),
         )
 
-    def normals(self, *, weights="second_order"):
+    def normals(self, *, weights: str = "second_order") -> FloatArray:
         """Return N_TS, the cross product of the tangents, (m, 3) float64, unit.
 
         Rows that are not valid are zero.
@@ -96,7 +97,7 @@ class Patches:
         # Where, and not a product: an invalid row may hold nan.
         return np.where(self.valid, normals, 0.0).T
 
-    def residuals(self):
+    def residuals(self) -> FloatArray:
         """Return z of the neighbors less z of the patch, (k, m), in units of reach."""
         left = self.z.copy()
         for coefficient, (i, j) in zip(self.coefficients, TERMS, strict=True):
@@ -104,7 +105,7 @@ class Patches:
         return left
 
     @cached_property
-    def condition(self):
+    def condition(self) -> FloatArray:
         """(m,) float64, the condition number of the matrix of Eq. (3).
 
         With coordinates in units of reach; infinite where the neighbors leave some
@@ -112,7 +113,9 @@ class Patches:
         """
         return np.linalg.cond(_design(self.x, self.y))
 
-    def bundle(self, column=0, origin=(0.0, 0.0, 0.0)):
+    def bundle(
+        self, column: int = 0, origin: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> GridSurface:
         """Return the part of Table 1's bundle that belongs to one point.
 
         Parameters
@@ -141,7 +144,7 @@ class Patches:
         return GridSurface(T1.points * reach, T2.points * reach, points)
 
 
-def jumps(coordinate):
+def jumps(coordinate: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return sigma(0) and rho(0) of the time scales {x_j} and {0}, two (m,).
 
     Zero where there is no member on that side.
@@ -151,7 +154,13 @@ def jumps(coordinate):
     return np.where(np.isinf(above), 0, above), np.where(np.isinf(below), 0, below)
 
 
-def fit_patches(offsets, reach, *, chart="principal", exact=False):
+def fit_patches(
+    offsets: FloatArray,
+    reach: FloatArray,
+    *,
+    chart: str = "principal",
+    exact: bool = False,
+) -> Patches:
     """Fit the patch of Eq. (2) to each neighborhood by least squares.
 
     Parameters
@@ -180,7 +189,9 @@ def fit_patches(offsets, reach, *, chart="principal", exact=False):
     return Patches(u, v, normal, reach, x, y, z, coefficients, valid)
 
 
-def principal_axes(offsets, count):
+def principal_axes(
+    offsets: FloatArray, count: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     """Return axes that follow each neighborhood.
 
     Parameters
@@ -281,7 +292,7 @@ def _least_eigenvectors(xx, xy, xz, yy, yz, zz):
     return best / np.sqrt(np.where(most > 0, most, 1)), middle, largest
 
 
-def tangent_axes(normal):
+def tangent_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return u, v that complete unit vectors (3, m) to right-handed charts [2]."""
     x, y, z = normal
     sign = np.where(z >= 0, 1, -1).astype(normal.dtype)

@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from .graph import NearestNeighbors
 from .patch import LEAST_NEIGHBORS, fit_patches
 
 # Each step widens a patch by a fifth: finer steps change the error by less than the
@@ -22,7 +23,7 @@ _SLOPE_VARIANCE = 14.4
 _LOST = np.radians(10) ** 2
 
 
-def choose_neighbors(nearest):
+def choose_neighbors(nearest: NearestNeighbors) -> tuple[int, float]:
     """Choose one number of neighbors for a whole cloud.
 
     Parameters

@@ -12,8 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from .inputs import InputError
+from .inputs import FloatArray, InputError, IntArray
 
 # Candidates for every sample kept: [2] finds little gain beyond five.
 _OVERSAMPLING = 5
@@ -43,17 +44,19 @@ class Shape:
     side: int = 1
     wraps: tuple[bool, bool] = (False, False)
 
-    def normal(self, t, s):
+    def normal(self, t: ArrayLike, s: ArrayLike) -> FloatArray:
         """Return exact unit normals, (..., 3); zero where the surface is singular."""
         cross = self.side * np.cross(*self.tangents(t, s))
         length = np.linalg.norm(cross, axis=-1, keepdims=True)
         return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
 
-    def area_element(self, t, s):
+    def area_element(self, t: ArrayLike, s: ArrayLike) -> FloatArray:
         """Return |phi_t x phi_s|, the area of the surface per area of parameters."""
         return np.linalg.norm(np.cross(*self.tangents(t, s)), axis=-1)
 
-    def sample(self, n, seed=0, *, even=True):
+    def sample(
+        self, n: int, seed: int = 0, *, even: bool = True
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Draw exactly n points, uniform by area.
 
         Parameters
@@ -79,7 +82,7 @@ class Shape:
             parameters = parameters[kept]
         return self.point(*parameters.T), self.normal(*parameters.T), parameters
 
-    def grid(self, n1, n2):
+    def grid(self, n1: int, n2: int) -> FloatArray:
         """Return parameters on a regular n1 x n2 grid over the domain, (n1, n2, 2)."""
         axes = [
             np.linspace(low, high, n)
@@ -103,7 +106,7 @@ class Shape:
         return np.concatenate(kept)[:count]
 
 
-def thin(points, n):
+def thin(points: FloatArray, n: int) -> IntArray:
     """Choose n of the points so that they are spread evenly over their surface.
 
     Weighted sample elimination [2]: points are dropped where their neighbors crowd
@@ -159,7 +162,7 @@ def _disk_radius(tree, n):
     return np.sqrt(area / (2 * np.sqrt(3) * n))
 
 
-def add_noise(points, share, seed=0):
+def add_noise(points: FloatArray, share: float, seed: int = 0) -> FloatArray:
     """Add Gaussian noise of standard deviation share x bounding-box diagonal."""
     diagonal = np.linalg.norm(np.ptp(points, axis=0))
     rng = np.random.default_rng(seed)

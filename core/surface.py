@@ -6,9 +6,12 @@ References
 [1] See `timescale`.
 """
 
-import numpy as np
+from collections.abc import Callable
 
-from .inputs import InputError, as_numbers
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .inputs import BoolArray, FloatArray, InputError, as_numbers
 from .timescale import TimeScale
 
 
@@ -28,7 +31,9 @@ class GridSurface:
         When the points do not match the time scales.
     """
 
-    def __init__(self, T1, T2, points):
+    def __init__(
+        self, T1: TimeScale | ArrayLike, T2: TimeScale | ArrayLike, points: ArrayLike
+    ) -> None:
         self.T1 = T1 if isinstance(T1, TimeScale) else TimeScale(T1)
         self.T2 = T2 if isinstance(T2, TimeScale) else TimeScale(T2)
         self.points = as_numbers(points, name="grid points")
@@ -40,14 +45,21 @@ class GridSurface:
             )
 
     @classmethod
-    def from_function(cls, T1, T2, phi):
+    def from_function(
+        cls, T1: TimeScale | ArrayLike, T2: TimeScale | ArrayLike, phi: Callable
+    ) -> "GridSurface":
         """Sample phi(t, s) -> (..., 3), a function of arrays, on T1 x T2."""
         T1 = T1 if isinstance(T1, TimeScale) else TimeScale(T1)
         T2 = T2 if isinstance(T2, TimeScale) else TimeScale(T2)
         return cls(T1, T2, phi(*np.meshgrid(T1.points, T2.points, indexing="ij")))
 
     @classmethod
-    def graph(cls, T1, T2, heights):
+    def graph(
+        cls,
+        T1: TimeScale | ArrayLike,
+        T2: TimeScale | ArrayLike,
+        heights: ArrayLike | Callable,
+    ) -> "GridSurface":
         """Make the surface {(t, s, f(t, s))} of Proposition 1.
 
         Parameters
@@ -64,7 +76,7 @@ class GridSurface:
             raise InputError(f"expected heights of shape {t.shape}, got {z.shape}")
         return cls(T1, T2, np.stack([t, s, z], axis=-1))
 
-    def tangents(self, *, weights="paper"):
+    def tangents(self, *, weights: str = "paper") -> tuple[FloatArray, FloatArray]:
         """Return the partial diamond derivatives along T1 and along T2.
 
         Returns
@@ -77,12 +89,12 @@ class GridSurface:
         along_2 = self.T2.diamond(swapped, weights=weights).swapaxes(0, 1)
         return along_1, along_2
 
-    def metric(self, *, weights="paper"):
+    def metric(self, *, weights: str = "paper") -> FloatArray:
         """Return the metric tensor, (n1, n2, 2, 2) float64."""
         frame = np.stack(self.tangents(weights=weights), axis=-2)
         return frame @ frame.swapaxes(-1, -2)
 
-    def is_regular(self, *, weights="paper"):
+    def is_regular(self, *, weights: str = "paper") -> BoolArray:
         """Return where the tangents span a plane, (n1, n2) bool.
 
         Notes
@@ -95,7 +107,7 @@ class GridSurface:
         sides = np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1)
         return area > 1e-12 * sides
 
-    def normals(self, *, weights="paper"):
+    def normals(self, *, weights: str = "paper") -> FloatArray:
         """Return the unit normals N_TS of [1], (n1, n2, 3) float64.
 
         Rows where the surface is not regular are zero (see `is_regular`).

@@ -13,9 +13,12 @@ References
 [2] M. Bohner, A. Peterson, "Dynamic Equations on Time Scales", Birkhauser 2001.
 """
 
-import numpy as np
+from collections.abc import Callable, Iterable
 
-from .inputs import InputError, as_choice, as_numbers
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .inputs import BoolArray, FloatArray, InputError, as_choice, as_numbers
 
 WEIGHTS = ("paper", "second_order")
 
@@ -54,7 +57,12 @@ class TimeScale:
     array([1., 2., 4.])
     """
 
-    def __init__(self, points=(), *, intervals=()):
+    def __init__(
+        self,
+        points: ArrayLike = (),
+        *,
+        intervals: Iterable[tuple[float, float]] = (),
+    ) -> None:
         points = as_numbers(points, name="time scale points")
         if points.ndim != 1 or not np.isfinite(points).all():
             raise InputError(
@@ -75,12 +83,12 @@ class TimeScale:
         self.starts, self.stops = _joined(starts, stops)
 
     @classmethod
-    def interval(cls, start, stop):
+    def interval(cls, start: float, stop: float) -> "TimeScale":
         """Return the real interval [start, stop]."""
         return cls(intervals=[(start, stop)])
 
     @classmethod
-    def uniform(cls, step, start, stop):
+    def uniform(cls, step: float, start: float, stop: float) -> "TimeScale":
         """Return the members of step * Z within [start, stop]."""
         if not step > 0:
             raise InputError(f"expected a step above 0, got {step}")
@@ -89,7 +97,7 @@ class TimeScale:
         last = int(np.floor(stop / step + 1e-9))
         return cls(step * np.arange(first, last + 1))
 
-    def __or__(self, other):
+    def __or__(self, other: "TimeScale") -> "TimeScale":
         """Return the union of two time scales."""
         return _scale(
             *_joined(
@@ -98,21 +106,21 @@ class TimeScale:
             )
         )
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, TimeScale)
             and np.array_equal(self.starts, other.starts)
             and np.array_equal(self.stops, other.stops)
         )
 
-    def __hash__(self):
+    def __hash__(self) -> int:
         return hash((self.starts.tobytes(), self.stops.tobytes()))
 
-    def __len__(self):
+    def __len__(self) -> int:
         """Return the number of points of an isolated time scale."""
         return len(self.points)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         parts = [
             f"{a:g}" if a == b else f"[{a:g}, {b:g}]"
             for a, b in zip(self.starts[:6], self.stops[:6], strict=True)
@@ -123,22 +131,22 @@ class TimeScale:
     # The set itself
 
     @property
-    def min(self):
+    def min(self) -> float:
         """The least member."""
         return float(self.starts[0])
 
     @property
-    def max(self):
+    def max(self) -> float:
         """The greatest member."""
         return float(self.stops[-1])
 
     @property
-    def is_isolated(self):
+    def is_isolated(self) -> bool:
         """Whether every member is an isolated point."""
         return bool((self.starts == self.stops).all())
 
     @property
-    def points(self):
+    def points(self) -> FloatArray:
         """(n,) float64, the members of an isolated time scale."""
         if not self.is_isolated:
             raise InputError(
@@ -147,7 +155,7 @@ class TimeScale:
             )
         return self.starts
 
-    def contains(self, t):
+    def contains(self, t: ArrayLike) -> BoolArray | bool:
         """Return whether t, a number or an array, is a member."""
         t = np.asarray(t, dtype=np.float64)
         part = self._part(t)
@@ -156,7 +164,7 @@ class TimeScale:
 
     __contains__ = contains
 
-    def kappa(self, *, upper=True, lower=True):
+    def kappa(self, *, upper: bool = True, lower: bool = True) -> "TimeScale":
         """Return the set without its scattered ends.
 
         Parameters
@@ -181,46 +189,46 @@ class TimeScale:
 
     # Jumps
 
-    def sigma(self, t):
+    def sigma(self, t: ArrayLike) -> FloatArray | float:
         """Return the forward jump: the next member, or t where none is apart."""
         t, part = self._members(t)
         at_stop = (t == self.stops[part]) & (part < len(self.starts) - 1)
         after = self.starts[np.minimum(part + 1, len(self.starts) - 1)]
         return _like(t, np.where(at_stop, after, t))
 
-    def rho(self, t):
+    def rho(self, t: ArrayLike) -> FloatArray | float:
         """Return the backward jump: the member before, or t where none is apart."""
         t, part = self._members(t)
         at_start = (t == self.starts[part]) & (part > 0)
         return _like(t, np.where(at_start, self.stops[np.maximum(part - 1, 0)], t))
 
-    def mu(self, t):
+    def mu(self, t: ArrayLike) -> FloatArray | float:
         """Return the forward graininess sigma(t) - t."""
         return self.sigma(t) - np.asarray(t, dtype=np.float64)[()]
 
-    def nu(self, t):
+    def nu(self, t: ArrayLike) -> FloatArray | float:
         """Return the backward graininess t - rho(t)."""
         return np.asarray(t, dtype=np.float64)[()] - self.rho(t)
 
-    def is_right_scattered(self, t):
+    def is_right_scattered(self, t: ArrayLike) -> BoolArray | bool:
         """Return whether sigma(t) > t."""
         return self.mu(t) > 0
 
-    def is_left_scattered(self, t):
+    def is_left_scattered(self, t: ArrayLike) -> BoolArray | bool:
         """Return whether rho(t) < t."""
         return self.nu(t) > 0
 
-    def is_right_dense(self, t):
+    def is_right_dense(self, t: ArrayLike) -> BoolArray | bool:
         """Return whether t < max and sigma(t) = t."""
         return (self.mu(t) == 0) & (np.asarray(t) < self.max)[()]
 
-    def is_left_dense(self, t):
+    def is_left_dense(self, t: ArrayLike) -> BoolArray | bool:
         """Return whether t > min and rho(t) = t."""
         return (self.nu(t) == 0) & (np.asarray(t) > self.min)[()]
 
     # Derivatives
 
-    def gamma(self, t, *, weights="paper"):
+    def gamma(self, t: ArrayLike, *, weights: str = "paper") -> FloatArray | float:
         """Return the share of delta in the diamond derivative (Theorem 3 of [1]).
 
         Notes
@@ -241,7 +249,9 @@ class TimeScale:
         gamma = np.where(t == self.min, 1.0, np.where(t == self.max, 0.0, gamma))
         return _like(t, gamma)
 
-    def delta(self, values, t=None):
+    def delta(
+        self, values: ArrayLike | Callable, t: ArrayLike | None = None
+    ) -> FloatArray:
         """Return the delta derivative, (f(sigma) - f) / mu or its limit.
 
         Parameters
@@ -258,14 +268,22 @@ class TimeScale:
         """
         return self._one_sided(values, t, self.sigma, +1)
 
-    def nabla(self, values, t=None):
+    def nabla(
+        self, values: ArrayLike | Callable, t: ArrayLike | None = None
+    ) -> FloatArray:
         """Return the nabla derivative, (f - f(rho)) / nu or its limit.
 
         As `delta`, with nan at a right-scattered minimum.
         """
         return self._one_sided(values, t, self.rho, -1)
 
-    def diamond(self, values, t=None, *, weights="paper"):
+    def diamond(
+        self,
+        values: ArrayLike | Callable,
+        t: ArrayLike | None = None,
+        *,
+        weights: str = "paper",
+    ) -> FloatArray:
         """Return the symmetric derivative gamma delta + (1 - gamma) nabla.
 
         Parameters
