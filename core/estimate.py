@@ -78,7 +78,9 @@ class Settings:
         choices=GRAPHS,
     )
     weights: str = _setting(
-        "second_order", "Weights of the diamond derivative", choices=WEIGHTS
+        "second_order",
+        "Weights of the diamond derivative; method paper has the paper's",
+        choices=WEIGHTS,
     )
     orientation: str = _setting(
         "auto", "How the sides of the normals are found", choices=MODES
@@ -209,6 +211,8 @@ def estimate_normals(
     centered = points - center
     _check_spread(centered)
     settings = _about(settings, center, len(points))
+    if settings.method == "paper":
+        settings = replace(settings, weights="paper")
     report = progress or _silent
     report(0.0)
     kept, inverse = unique_points(centered) if faces is None else (None, None)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .inputs import FloatArray, InputError, IntArray
+from .inputs import FloatArray, InputError, IntArray, as_choice
 
 # Candidates for every sample kept: [2] finds little gain beyond five.
 _OVERSAMPLING = 5
@@ -55,9 +55,9 @@ class Shape:
         return np.linalg.norm(np.cross(*self.tangents(t, s)), axis=-1)
 
     def sample(
-        self, n: int, seed: int = 0, *, even: bool = True
+        self, n: int, seed: int = 0, *, even: bool = True, by: str = "area"
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Draw exactly n points, uniform by area.
+        """Draw exactly n points.
 
         Parameters
         ----------
@@ -67,6 +67,9 @@ class Shape:
             Thin five times as many candidates to a blue-noise set (no two samples
             closer than need be) by weighted sample elimination [2]; otherwise the
             points are independent.
+        by : "area" | "parameters"
+            What the samples are uniform in. Elimination spreads them on the surface
+            or in the parameter domain.
 
         Returns
         -------
@@ -74,12 +77,16 @@ class Shape:
         """
         if n < 1:
             raise InputError(f"expected at least 1 sample, got {n}")
+        as_choice(by, ("area", "parameters"), name="by")
         rng = np.random.default_rng(seed)
         count = n * _OVERSAMPLING if even else n
-        parameters = self._uniform(count, rng)
+        if by == "area":
+            parameters = self._uniform(count, rng)
+            spread = self.point(*parameters.T)
+        else:
+            parameters = spread = rng.uniform(*np.array(self.domain).T, (count, 2))
         if even:
-            kept = thin(self.point(*parameters.T), n)
-            parameters = parameters[kept]
+            parameters = parameters[thin(spread, n)]
         return self.point(*parameters.T), self.normal(*parameters.T), parameters
 
     def grid(self, n1: int, n2: int) -> FloatArray:
@@ -116,7 +123,7 @@ def thin(points: FloatArray, n: int) -> IntArray:
 
     Parameters
     ----------
-    points : (m, 3) float, m >= n
+    points : (m, 2) or (m, 3) float, m >= n
 
     Returns
     -------

@@ -13,7 +13,7 @@ from core import InputError, Settings, compare_normals, estimate_normals, shapes
 from core.estimate import unique_points
 
 TIME_SCALE = Settings(method="time_scale")
-PAPER = Settings(method="paper", weights="paper")
+PAPER = Settings(method="paper")
 METHODS = [
     TIME_SCALE,
     PAPER,
@@ -365,6 +365,7 @@ def test_paper_reports_condition_numbers():
     assert estimate.condition.shape == (500,)
     assert (estimate.condition >= 1).all()
     assert estimate.settings.graph == "delaunay"
+    assert estimate.settings.weights == "paper"
     assert estimate_normals(points).condition is None
 
 
@@ -374,7 +375,7 @@ def test_paper_written_out():
 
     points, _, _ = shapes.PHI1.sample(200, 0)
     estimate = estimate_normals(
-        points, settings=Settings(method="paper", weights="paper", orientation="none")
+        points, settings=Settings(method="paper", orientation="none")
     )
     graph = NeighborGraph.delaunay(points).extended(8)
     for i in range(0, 200, 20):

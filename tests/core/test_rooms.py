@@ -25,6 +25,7 @@ CORE_ORDER = (
     "delaunay",
     "comparison",
     "shapes",
+    "experiment",
     "__init__",
 )
 
