@@ -216,8 +216,8 @@ def shape_convergence(
 ) -> dict[str, FloatArray]:
     """As `convergence`, for the normals of a surface over a non-uniform grid.
 
-    The grid covers a tenth of the parameter domain, away from its middle, so that the finest has
-    a few hundred members a side.
+    The grid covers a tenth of the parameter domain, away from its middle, where the
+    surfaces have their symmetries; the finest has a few hundred members a side.
 
     Returns
     -------
