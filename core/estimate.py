@@ -22,9 +22,12 @@ from .inputs import (
     as_points,
 )
 from .orientation import MODES, find_orientation
-from .patch import LEAST_NEIGHBORS, Patches, fit_patches
-from .scale import choose_neighbors
+from .patch import BIQUADRATIC, CUBIC, LEAST_NEIGHBORS, Patches, fit_patches
+from .scale import choose_scale
+from .sheets import separate, suspects
 from .timescale import WEIGHTS
+
+PATCHES = {"biquadratic": BIQUADRATIC, "cubic": CUBIC}
 
 METHODS = ("auto", "time_scale", "paper")
 GRAPHS = ("auto", "nearest", "delaunay", "mesh")
@@ -37,8 +40,11 @@ _CHUNK = 4096
 # of the patch.
 _DOUBLE_UP_TO = 200_000
 
-# Neighbors of `time_scale` when none are asked for: twice the unknowns of a patch.
+# Neighbors of `time_scale` when none are asked for: near twice the unknowns.
 _NEIGHBORS = 16
+
+# Neighbors from which on all terms up to degree three are fitted.
+_CUBIC_FROM = 12
 
 # Share of the progress that is the estimate's; the rest is the orientation's.
 _FITTED = 0.8
@@ -77,10 +83,22 @@ class Settings:
         "Who is a neighbor: the nearest points, Delaunay edges, or mesh edges",
         choices=GRAPHS,
     )
+    patch: str = _setting(
+        "auto",
+        "Terms of a patch: biquadratic are those of the paper, cubic all up to "
+        "degree three",
+        choices=("auto", *PATCHES),
+    )
     weights: str = _setting(
         "second_order",
         "Weights of the diamond derivative; method paper has the paper's",
         choices=WEIGHTS,
+    )
+    sheets: bool = _setting(
+        True,
+        "Tell neighbors apart where they lie on several sheets or beyond a crease; "
+        "method paper does not",
+        choices=(True, False),
     )
     orientation: str = _setting(
         "auto", "How the sides of the normals are found", choices=MODES
@@ -134,6 +152,11 @@ class Estimate:
     from_faces : int
         Vertices whose normal is that of their faces, because a patch had too little
         to go by or left the cone of the faces.
+    separated : int
+        Points whose neighbors were told apart because they lie on several sheets.
+    noise : float
+        What the residuals say about the noise of the points: a standard deviation,
+        in object units, the median over all patches.
     pieces : int
         Pieces that were oriented each on its own; 0 where no pieces were looked for.
     """
@@ -143,6 +166,8 @@ class Estimate:
     settings: Settings
     condition: FloatArray | None = None
     from_faces: int = 0
+    separated: int = 0
+    noise: float = 0.0
     pieces: int = 0
 
     def summary(self) -> dict[str, object]:
@@ -154,6 +179,9 @@ class Estimate:
             "from_faces": self.from_faces,
             "method": self.settings.method,
             "neighbors": self.settings.neighbors,
+            "patch": self.settings.patch,
+            "noise": self.noise,
+            "separated": self.separated,
             "graph": self.settings.graph,
             "weights": self.settings.weights,
             "orientation": self.settings.orientation,
@@ -212,7 +240,7 @@ def estimate_normals(
     _check_spread(centered)
     settings = _about(settings, center, len(points))
     if settings.method == "paper":
-        settings = replace(settings, weights="paper")
+        settings = replace(settings, weights="paper", sheets=False)
     report = progress or _silent
     report(0.0)
     kept, inverse = unique_points(centered) if faces is None else (None, None)
@@ -287,22 +315,35 @@ def neighborhoods(
     settings : Settings
         As used: what "auto" and None became.
     """
-    graph, count = settings.graph, settings.neighbors
+    graph = settings.graph
     if graph == "auto":
         alone = "delaunay" if settings.method == "paper" else "nearest"
         graph = alone if faces is None else "mesh"
     if graph == "mesh" and faces is None:
         raise InputError('expected faces for graph "mesh", got points alone')
     if graph != "nearest":
-        count = count or (LEAST_NEIGHBORS if settings.method == "paper" else _NEIGHBORS)
-        settings = replace(settings, graph=graph, neighbors=count)
+        settings = replace(settings, graph=graph, **_fixed(settings))
         return Rings(points, faces, settings), settings
     nearest = NearestNeighbors(points)
-    if count is None and settings.method == "auto":
-        count, _ = choose_neighbors(nearest)
-    count = min(count or _NEIGHBORS, len(points) - 1)
-    settings = replace(settings, graph=graph, neighbors=count)
+    if settings.method == "auto" and settings.neighbors is None:
+        patch, count = choose_scale(nearest)
+        patch = patch if settings.patch == "auto" else settings.patch
+        settings = replace(settings, neighbors=count, patch=patch)
+    fixed = _fixed(settings)
+    fixed["neighbors"] = min(fixed["neighbors"], len(points) - 1)
+    settings = replace(settings, graph=graph, **fixed)
     return Nearest(nearest, settings), settings
+
+
+def _fixed(settings):
+    """Return neighbors and patch as asked for, or good ones without a look."""
+    paper = settings.method == "paper"
+    count = settings.neighbors or (LEAST_NEIGHBORS if paper else _NEIGHBORS)
+    patch = settings.patch
+    if patch == "auto":
+        # Nine unknowns want a few neighbors more than nine.
+        patch = "biquadratic" if paper or count < _CUBIC_FROM else "cubic"
+    return {"neighbors": count, "patch": patch}
 
 
 class _Source:
@@ -328,8 +369,8 @@ class _Source:
         return fit_patches(
             offsets,
             reach,
+            terms=PATCHES[self.settings.patch],
             chart="global" if self.paper else "principal",
-            exact=self.paper,
         )
 
     def _scaled(self, offsets, reach):
@@ -346,8 +387,7 @@ class Nearest(_Source):
         # Coordinates in the order of the tree's leaves, each axis on its own: a
         # chunk gathers from memory that is close together.
         self.sorted = np.ascontiguousarray(self.points[nearest.order].T)
-        self.rank = np.empty(len(self.points), dtype=np.int32)
-        self.rank[nearest.order] = np.arange(len(self.points), dtype=np.int32)
+        self.rank = nearest.rank
 
     def chunks(self) -> list[IntArray]:
         """Return the rows chunk by chunk, leaf by leaf."""
@@ -403,7 +443,11 @@ class Rings(_Source):
 def _estimate(points, faces, settings, report):
     """Estimate and orient the normals of centered points that differ."""
     source, settings = neighborhoods(points, faces, settings)
-    normals, valid, condition = _fit(source, report)
+    fitted = _fit(source, report)
+    normals, valid = fitted.normals, fitted.valid
+    separated = 0
+    if settings.sheets and isinstance(source, Nearest):
+        normals, separated = _with_sheets(source, fitted)
     from_faces = 0
     if faces is not None:
         normals, valid, from_faces = _with_faces(
@@ -422,29 +466,62 @@ def _estimate(points, faces, settings, report):
         normals * orientation.signs[:, None],
         valid,
         replace(settings, orientation=orientation.mode),
-        condition,
+        fitted.condition,
         from_faces,
+        separated,
+        fitted.noise,
         orientation.pieces,
     )
 
 
+@dataclass(frozen=True)
+class _Fitted:
+    """What the patches of all points say: see Estimate and Patches, rows (n,)."""
+
+    normals: FloatArray
+    valid: BoolArray
+    misfit: FloatArray
+    noise: float
+    condition: FloatArray | None
+
+
 def _fit(source, report):
-    """Return normals (n, 3), valid (n,) and the paper's condition numbers or None."""
+    """Return the _Fitted of all points of a source."""
     n = len(source.points)
     normals, valid = np.zeros((n, 3)), np.zeros(n, dtype=bool)
+    misfit, noise = np.zeros((2, n), dtype=np.float32)
     condition = np.full(n, np.inf) if source.paper else None
 
     def work(rows):
         patches = source.fit(rows)
         normals[rows] = patches.normals(weights=source.settings.weights)
         valid[rows] = patches.valid
+        misfit[rows] = patches.misfit
+        noise[rows] = patches.noise
         if condition is not None:
             condition[rows] = patches.condition
 
     chunks = source.chunks()
     for done in _in_threads(work, chunks, source.settings.threads):
         report(_FITTED * done / len(chunks))
-    return normals, valid, condition
+    middle = float(np.median(noise[valid])) if valid.any() else 0.0
+    return _Fitted(normals, valid, misfit, middle, condition)
+
+
+def _with_sheets(source, fitted):
+    """Return normals made from each point's own sheet, and for how many."""
+    rows, noise = suspects(fitted.misfit, fitted.valid)
+    if not len(rows):
+        return fitted.normals, 0
+
+    def run(work, chunks):
+        for _ in _in_threads(work, chunks, source.settings.threads):
+            pass
+
+    normals = separate(
+        source.nearest, fitted.normals, fitted.misfit, rows, noise, run=run
+    )
+    return normals, len(rows)
 
 
 def _in_threads(work, items, threads):
@@ -475,15 +552,17 @@ def _with_faces(points, faces, normals, valid, method):
 
     Vertices without a valid patch take the normal of their faces (weights of N. Max).
     Method "auto" also takes it where the patch's normal lies outside the cone of the
-    face normals: a surface through the vertices that turns farther than every face
-    around does not follow them.
+    face normals, or is turned away from one of the faces: a surface through the
+    vertices that turns farther than every face around does not follow them.
     """
     guide = vertex_normals(points, faces, weights="max")
     has_face = (guide != 0).any(axis=1)
     doubtful = ~valid
     if method == "auto":
-        width = face_cone(points, faces, guide)
-        doubtful |= np.abs((normals * guide).sum(axis=1)) < width
+        cosine = (normals * guide).sum(axis=1)
+        facing = normals * np.where(cosine < 0, -1, 1)[:, None]
+        doubtful |= np.abs(cosine) < face_cone(points, faces, guide)
+        doubtful |= face_cone(points, faces, facing) <= 0
     replaced = doubtful & has_face
     normals = np.where(replaced[:, None], guide, normals)
     return normals, valid | replaced, int(replaced.sum())

@@ -234,10 +234,10 @@ def shape_convergence(
             TimeScale(low + (high - low) * (0.3 + 0.1 * unit_scale))
             for low, high in shape.domain
         ]
-        surface = GridSurface.from_function(*grids, shape.point)
+        surface = GridSurface.from_function(grids[0], grids[1], shape.point)
         exact = shape.normal(*np.meshgrid(*(g.points for g in grids), indexing="ij"))
         for weights, found in errors.items():
             normals = surface.normals(weights=weights)[1:-1, 1:-1]
-            rows = normals.reshape(-1, 3), exact[1:-1, 1:-1].reshape(-1, 3)
-            found.append(np.radians(angle(*rows)).max())
+            truth = exact[1:-1, 1:-1].reshape(-1, 3)
+            found.append(np.radians(angle(normals.reshape(-1, 3), truth)).max())
     return {"step": steps} | {w: np.array(found) for w, found in errors.items()}

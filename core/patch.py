@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Charts and biquadratic patches, in batches (section 3 and Table 1 of the paper).
+"""Charts and patches, in batches (section 3 and Table 1 of the paper).
 
 A batch holds the neighborhoods of m points as arrays of shape (k, m): neighbor by
 point. All work runs along the points, so that every step is one array operation for
@@ -13,7 +13,7 @@ References
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,11 +22,18 @@ from .inputs import BoolArray, FloatArray, IntArray, as_choice
 from .surface import GridSurface
 from .timescale import WEIGHTS, TimeScale
 
-# The exponents of x and y that go with A1 ... A8 in Eq. (2).
-TERMS = ((1, 0), (0, 1), (2, 0), (1, 1), (2, 1), (1, 2), (0, 2), (2, 2))
+# The exponents of x and y in the terms of a patch. The first is Eq. (2), A1 ... A8;
+# the second has the cubes that Eq. (2) lacks instead of x^2 y^2, so that its slopes
+# err by the cube of the reach and not by its square.
+BIQUADRATIC = ((1, 0), (0, 1), (2, 0), (1, 1), (2, 1), (1, 2), (0, 2), (2, 2))
+CUBIC = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 
 # Eq. (2) has eight unknowns.
-LEAST_NEIGHBORS = len(TERMS)
+LEAST_NEIGHBORS = len(BIQUADRATIC)
+
+# Weights fall to exp(-4), 2 %, at the farthest neighbor: near points matter most to
+# a slope at the center, and nothing jumps when the farthest is another one.
+_FALL = 4.0
 
 # Neighbors a thousand times longer than wide are a line: no plane is theirs.
 _LINE = 1e-6
@@ -38,7 +45,7 @@ _RIDGE = {np.dtype(np.float32): 3e-6, np.dtype(np.float64): 1e-10}
 
 @dataclass(frozen=True)
 class Patches:
-    """The patches of m points, z(x, y) of Eq. (2) in a chart at each point.
+    """The patches of m points, z(x, y) in a chart at each point.
 
     Lengths are in units of `reach`: multiply by it for object units.
 
@@ -50,8 +57,13 @@ class Patches:
         The distance of the farthest neighbor, in object units.
     x, y, z : (k, m)
         The neighbors in the charts; missing ones stand at the origin.
-    coefficients : (8, m)
-        A1 ... A8.
+    terms : tuple of (int, int)
+        The exponents of x and y in each term; the first two are x and y.
+    coefficients : (terms, m)
+        A1 ... A8 of Eq. (2) where the terms are its own.
+    misfit : (m,)
+        Root mean square of the residuals over that of the distances, weighted as
+        the fit: how far, as an angle, the neighbors lie from the patch.
     valid : (m,) bool
         Whether there are eight neighbors and they span a plane.
     """
@@ -63,7 +75,9 @@ class Patches:
     x: FloatArray
     y: FloatArray
     z: FloatArray
+    terms: tuple[tuple[int, int], ...]
     coefficients: FloatArray
+    misfit: FloatArray
     valid: BoolArray
 
     def slopes(self, *, weights: str = "second_order") -> tuple[FloatArray, FloatArray]:
@@ -71,19 +85,28 @@ class Patches:
 
         Notes
         -----
-        The time scales are T1 = {x_j} and {0}, T2 = {y_j} and {0}. On the patch the
-        paper's derivative is A1 + A3 (sigma1 + rho1), A2 + A7 (sigma2 + rho2), where
-        a one-sided end leaves out the jump it does not have. The second-order
-        weights remove the term of A3 and A7, at an end by the three-point
-        difference: what remains is A1 and A2.
+        The time scales are T1 = {x_j} and {0}, T2 = {y_j} and {0}. On the patch of
+        Eq. (2) the paper's derivatives are A1 + A3 (sigma1 + rho1) and
+        A2 + A7 (sigma2 + rho2), where a one-sided end leaves out the jump it does not
+        have. The second-order weights remove what the jumps add, at an end by the
+        three-point difference: what remains is A1 and A2.
         """
         as_choice(weights, WEIGHTS, name="weights")
-        a = self.coefficients
         if weights == "second_order":
-            return a[0], a[1]
-        return (
-            a[0] + a[2] * sum(jumps(self.x)),
-            a[1] + a[6] * sum(jumps(self.y)),
+            return self.coefficients[0], self.coefficients[1]
+        along_x = self._quotient(jumps(self.x), 0)
+        along_y = self._quotient(jumps(self.y), 1)
+        return along_x, along_y
+
+    def _quotient(self, ends, axis):
+        """Return (z(sigma) - z(rho)) / (sigma - rho) on an axis of the chart, (m,)."""
+        sigma, rho = ends
+        # (sigma^i - rho^i) / (sigma - rho), without the division.
+        quotients = {1: 1.0, 2: sigma + rho, 3: sigma**2 + sigma * rho + rho**2}
+        return sum(
+            a * quotients[exponents[axis]]
+            for a, exponents in zip(self.coefficients, self.terms, strict=True)
+            if exponents[1 - axis] == 0
         )
 
     def normals(self, *, weights: str = "second_order") -> FloatArray:
@@ -97,21 +120,28 @@ class Patches:
         # Where, and not a product: an invalid row may hold nan.
         return np.where(self.valid, normals, 0.0).T
 
+    @property
+    def noise(self) -> FloatArray:
+        """(m,), the standard deviation of the noise that explains the misfit.
+
+        In object units. In the sum of squares each term of the patch takes one
+        degree of freedom, which an even disk of as many neighbors tells.
+        """
+        _, square = solve_on_disk(self.terms, max(len(self.x), len(self.terms) + 1))
+        return self.misfit * self.reach / np.sqrt(square)
+
     def residuals(self) -> FloatArray:
         """Return z of the neighbors less z of the patch, (k, m), in units of reach."""
-        left = self.z.copy()
-        for coefficient, (i, j) in zip(self.coefficients, TERMS, strict=True):
-            left -= coefficient * _power(self.x, i) * _power(self.y, j)
-        return left
+        return self.z - _heights(self.x, self.y, self.terms, self.coefficients)
 
     @cached_property
     def condition(self) -> FloatArray:
-        """(m,) float64, the condition number of the matrix of Eq. (3).
+        """(m,) float64, the condition number of the matrix of Eq. (3), not weighted.
 
         With coordinates in units of reach; infinite where the neighbors leave some
         term open.
         """
-        return np.linalg.cond(_design(self.x, self.y))
+        return np.linalg.cond(_design(self.x, self.y, self.terms))
 
     def bundle(
         self, column: int = 0, origin: ArrayLike = (0.0, 0.0, 0.0)
@@ -134,10 +164,7 @@ class Patches:
         T1 = TimeScale(np.unique(np.append(self.x[:, column], 0)))
         T2 = TimeScale(np.unique(np.append(self.y[:, column], 0)))
         x, y = np.meshgrid(T1.points, T2.points, indexing="ij")
-        z = sum(
-            a * _power(x, i) * _power(y, j)
-            for a, (i, j) in zip(self.coefficients[:, column], TERMS, strict=True)
-        )
+        z = _heights(x, y, self.terms, self.coefficients[:, column])
         axes = np.stack([self.u[:, column], self.v[:, column], self.n[:, column]])
         reach = self.reach[column]
         points = np.stack([x, y, z], axis=-1) @ axes * reach + np.asarray(origin)
@@ -158,10 +185,10 @@ def fit_patches(
     offsets: FloatArray,
     reach: FloatArray,
     *,
+    terms: tuple[tuple[int, int], ...] = CUBIC,
     chart: str = "principal",
-    exact: bool = False,
 ) -> Patches:
-    """Fit the patch of Eq. (2) to each neighborhood by least squares.
+    """Fit a patch to each neighborhood by least squares, near points weighing more.
 
     Parameters
     ----------
@@ -169,24 +196,35 @@ def fit_patches(
         Neighbors less their point, in units of `reach`; zero where one is missing.
     reach : (m,) float64
         The distance of the farthest neighbor, in object units.
+    terms : tuple of (int, int)
+        `CUBIC` or `BIQUADRATIC`.
     chart : "principal" | "global"
-            Axes that follow the neighborhood, or the axes of the input.
-    exact : bool
-        Solve by singular values instead of normal equations: slower, and exact to
-        rounding however badly the neighbors are placed.
+        Axes that follow the neighborhood, or, as Table 1 has it, the axes of the
+        input; there neighbors are not weighted, and Eq. (3) is solved by singular
+        values: slower, and exact to rounding however badly the neighbors are placed.
 
     Returns
     -------
     Patches
     """
-    count = (offsets != 0).any(axis=0).sum(axis=0)
+    square = np.einsum("ikm,ikm->km", offsets, offsets)
+    count = np.count_nonzero(square, axis=0)
     u, v, normal, spans = principal_axes(offsets, count)
     if chart == "global":
         u, v, normal = (np.broadcast_to(e[:, None], u.shape) for e in np.eye(3))
     x, y, z = (_along(axis, offsets) for axis in (u, v, normal))
-    coefficients = _least_squares(x, y, z) if exact else _normal_equations(x, y, z)
+    if chart == "global":
+        weights = np.ones_like(square)
+        coefficients = _least_squares(x, y, z, terms)
+        missed = (z - _heights(x, y, terms, coefficients)) ** 2
+        left = missed.sum(axis=0)
+    else:
+        weights = np.exp(-_FALL * square)
+        coefficients, left = _normal_equations(x, y, z, weights, terms)
+    total = np.einsum("km,km->m", weights, square)
+    misfit = np.sqrt(np.maximum(left, 0) / np.where(total > 0, total, 1))
     valid = (count >= LEAST_NEIGHBORS) & spans & np.isfinite(coefficients).all(axis=0)
-    return Patches(u, v, normal, reach, x, y, z, coefficients, valid)
+    return Patches(u, v, normal, reach, x, y, z, terms, coefficients, misfit, valid)
 
 
 def principal_axes(
@@ -315,56 +353,120 @@ def _power(x, exponent):
     return np.ones_like(x) if exponent == 0 else x**exponent
 
 
-def _design(x, y):
-    """Return the matrices of Eq. (3), (m, k, 8) float64."""
-    columns = [_power(x, i) * _power(y, j) for i, j in TERMS]
+def _heights(x, y, terms, coefficients):
+    """Return z(x, y) of patches, whatever their places' shape."""
+    return sum(
+        a * _power(x, i) * _power(y, j)
+        for a, (i, j) in zip(coefficients, terms, strict=True)
+    )
+
+
+def _design(x, y, terms):
+    """Return the matrices of Eq. (3), (m, k, terms) float64."""
+    columns = [_power(x, i) * _power(y, j) for i, j in terms]
     return np.stack(columns, axis=-1).swapaxes(0, 1).astype(np.float64)
 
 
-def _least_squares(x, y, z):
+def _least_squares(x, y, z, terms):
     """Solve Eq. (3) by singular values; the smallest solution where it has many."""
-    inverse = np.linalg.pinv(_design(x, y), rcond=1e-12)
+    inverse = np.linalg.pinv(_design(x, y, terms), rcond=1e-12)
     return np.einsum("mik,km->im", inverse, z.astype(np.float64))
 
 
-def _normal_equations(x, y, z):
-    """Solve Eq. (3) by normal equations and a Cholesky factorization.
+def _normal_equations(x, y, z, weights, terms):
+    """Solve weighted least squares by normal equations, entry by entry.
 
-    Every entry of the 8 x 8 matrices is a moment, the sum of x^i y^j, and many
-    entries share one: 22 sums fill the matrix.
+    Returns
+    -------
+    coefficients : (terms, m)
+    left : (m,)
+        The weighted sum of squared residuals, z'Wz - b'a, without residuals.
     """
-    xs, ys = _powers(x, 4), _powers(y, 4)
-    moments = {}
-
-    def moment(i, j):
-        if (i, j) not in moments:
-            if i and j:
-                moments[i, j] = np.einsum("km,km->m", xs[i], ys[j])
-            else:
-                moments[i, j] = (xs[i] if i else ys[j]).sum(axis=0)
-        return moments[i, j]
-
+    moment = Moments(x, y, weights)
     matrix = [
-        [moment(a + c, b + d) for c, d in TERMS[: row + 1]]
-        for row, (a, b) in enumerate(TERMS)
+        [moment(a + c, b + d) for c, d in terms[: row + 1]]
+        for row, (a, b) in enumerate(terms)
     ]
-    zx = [z, z * x, z * xs[2]]
-    right = [
-        np.einsum("km,km->m", zx[i], ys[j]) if j else zx[i].sum(axis=0)
-        for i, j in TERMS
-    ]
-    return np.stack(_cholesky_solve(matrix, right))
+    height = Moments(x, y, weights * z)
+    right = [height(i, j) for i, j in terms]
+    ridge = x.dtype.type(_RIDGE[x.dtype])
+    for row, entries in enumerate(matrix):
+        entries[row] = entries[row] * (1 + ridge)
+    solution = cholesky_solve(matrix, right)
+    explained = sum(a * b for a, b in zip(solution, right, strict=True))
+    whole = np.einsum("km,km->m", height.weights, z)
+    return np.stack(solution), whole - explained
 
 
-def _powers(x, top):
-    """Return x to the powers 1 ... top, by exponent."""
-    powers = {1: x}
-    for exponent in range(2, top + 1):
-        powers[exponent] = powers[exponent - 1] * x
-    return powers
+@cache
+def solve_on_disk(
+    terms: tuple[tuple[int, int], ...], count: int
+) -> tuple[float, float]:
+    """Return how noise of variance one spreads into a patch over an even disk.
+
+    Parameters
+    ----------
+    terms : tuple of (int, int)
+    count : int
+        Neighbors, spread over the unit disk as the seeds of a sunflower.
+
+    Returns
+    -------
+    slopes : float
+        The variance of both slopes together.
+    misfit : float
+        The expected square of `Patches.misfit`.
+    """
+    rank = np.arange(1, count + 1)
+    radius, angle = np.sqrt(rank / count), np.pi * (3 - np.sqrt(5)) * rank
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    weights = np.exp(-_FALL * radius**2)
+    design = _design(x[:, None], y[:, None], terms)[0]
+    weighted = design * weights[:, None]
+    ridge = _RIDGE[np.dtype(np.float64)]
+    normal = design.T @ weighted
+    solve = np.linalg.solve(normal + ridge * np.diag(np.diag(normal)), weighted.T)
+    # The noise of the point itself shifts all neighbors alike.
+    noise = np.eye(count) + 1
+    missed = np.eye(count) - design @ solve
+    left = np.trace(missed.T @ (weights[:, None] * missed) @ noise)
+    slopes = np.trace(solve[:2] @ noise @ solve[:2].T)
+    return float(slopes), float(left / (weights * radius**2).sum())
 
 
-def _cholesky_solve(matrix, right):
+class Moments:
+    """Sums w x^i y^j over the neighbors, each made once when it is asked for.
+
+    Parameters
+    ----------
+    x, y, weights : (k, m)
+    """
+
+    def __init__(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> None:
+        self.x, self.y, self.weights = x, y, weights
+        self._weighted = [weights]
+        self._powers: list[FloatArray] = [y]
+        self._sums: dict[tuple[int, int], FloatArray] = {}
+
+    def __call__(self, i: int, j: int) -> FloatArray:
+        """Return the sum of w x^i y^j, (m,)."""
+        if (i, j) not in self._sums:
+            while len(self._weighted) <= i:
+                self._weighted.append(self._weighted[-1] * self.x)
+            while len(self._powers) < j:
+                self._powers.append(self._powers[-1] * self.y)
+            left = self._weighted[i]
+            self._sums[i, j] = (
+                np.einsum("km,km->m", left, self._powers[j - 1])
+                if j
+                else left.sum(axis=0)
+            )
+        return self._sums[i, j]
+
+
+def cholesky_solve(
+    matrix: list[list[FloatArray]], right: list[FloatArray]
+) -> list[FloatArray]:
     """Solve symmetric positive systems, entry by entry over all points at once.
 
     Parameters
@@ -376,9 +478,8 @@ def _cholesky_solve(matrix, right):
     -------
     list of (m,)
     """
-    size, dtype = len(right), right[0].dtype
-    ridge = dtype.type(_RIDGE[dtype])
-    factor, inverse = _cholesky(matrix, ridge)
+    size = len(right)
+    factor, inverse = _cholesky(matrix)
     forward: list[np.ndarray] = []
     for i in range(size):
         entry = right[i]
@@ -394,7 +495,7 @@ def _cholesky_solve(matrix, right):
     return solution
 
 
-def _cholesky(matrix, ridge):
+def _cholesky(matrix):
     """Factor lower triangles; return the part below the diagonal, and 1/diagonal."""
     factor: list[list[np.ndarray]] = []
     inverse: list[np.ndarray] = []
@@ -405,11 +506,12 @@ def _cholesky(matrix, ridge):
             for t in range(j):
                 entry = entry - row[t] * factor[j][t]
             row.append(entry * inverse[j])
-        pivot = entries[i] * (1 + ridge)
+        pivot = entries[i]
         for entry in row:
             pivot = pivot - entry * entry
-        # Rounding may leave less than the ridge put there, or less than nothing.
-        floor = entries[i] * ridge + np.finfo(ridge.dtype).tiny
+        # Rounding may leave less than a ridge put there, or less than nothing.
+        dtype = pivot.dtype
+        floor = entries[i] * dtype.type(_RIDGE[dtype]) + np.finfo(dtype).tiny
         inverse.append(1 / np.sqrt(np.maximum(pivot, floor)))
         factor.append(row)
     return factor, inverse

@@ -84,7 +84,8 @@ class Shape:
             parameters = self._uniform(count, rng)
             spread = self.point(*parameters.T)
         else:
-            parameters = spread = rng.uniform(*np.array(self.domain).T, (count, 2))
+            low, high = np.array(self.domain).T
+            parameters = spread = rng.uniform(low, high, (count, 2))
         if even:
             parameters = parameters[thin(spread, n)]
         return self.point(*parameters.T), self.normal(*parameters.T), parameters

@@ -20,6 +20,7 @@ CORE_ORDER = (
     "graph",
     "patch",
     "scale",
+    "sheets",
     "orientation",
     "estimate",
     "delaunay",
