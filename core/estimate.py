@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .faces import face_cone, vertex_normals
+from .faces import fan_width, mean_edge, vertex_normals
 from .graph import NearestNeighbors, NeighborGraph
 from .inputs import (
     BoolArray,
@@ -45,6 +45,14 @@ _NEIGHBORS = 16
 
 # Neighbors from which on all terms up to degree three are fitted.
 _CUBIC_FROM = 12
+
+# A mesh is noisy when its vertices stray from patches by this share of an edge: clean
+# ones, decimated ones too, stay below half of it. Then patches reach over three rings.
+_NOISY = 0.15
+_WIDER = {"neighbors": 30, "patch": "biquadratic"}
+
+# Of a mesh's patch, see `_with_faces`.
+_WELL_FITTED, _WIDE_FAN = 0.1, 0.5
 
 # Share of the progress that is the estimate's; the rest is the orientation's.
 _FITTED = 0.8
@@ -442,17 +450,18 @@ class Rings(_Source):
 
 def _estimate(points, faces, settings, report):
     """Estimate and orient the normals of centered points that differ."""
-    source, settings = neighborhoods(points, faces, settings)
+    asked = settings
+    source, settings = neighborhoods(points, faces, asked)
     fitted = _fit(source, report)
+    if _wants_wider(points, faces, fitted, asked):
+        source, settings = neighborhoods(points, faces, replace(asked, **_WIDER))
+        fitted = _fit(source, report)
     normals, valid = fitted.normals, fitted.valid
-    separated = 0
+    separated = from_faces = 0
     if settings.sheets and isinstance(source, Nearest):
         normals, separated = _with_sheets(source, fitted)
-    from_faces = 0
     if faces is not None:
-        normals, valid, from_faces = _with_faces(
-            points, faces, normals, valid, settings.method
-        )
+        normals, valid, from_faces = _with_faces(points, faces, fitted, settings)
     orientation = find_orientation(
         points,
         normals,
@@ -547,25 +556,35 @@ def _in_threads(work, items, threads):
         pool.shutdown(cancel_futures=True)
 
 
-def _with_faces(points, faces, normals, valid, method):
+def _with_faces(points, faces, fitted, settings):
     """Let the faces speak where a patch has too little to say.
 
-    Vertices without a valid patch take the normal of their faces (weights of N. Max).
-    Method "auto" also takes it where the patch's normal lies outside the cone of the
-    face normals, or is turned away from one of the faces: a surface through the
-    vertices that turns farther than every face around does not follow them.
+    Vertices without a valid patch take the mean of their faces' normals, weighted by
+    angle. Method "auto" also takes it where the patch is not clearly better founded:
+    where it misses the vertices by more than a tenth of what the faces turn, or the
+    faces turn by more than half a right angle or so, as at creases and on coarse
+    meshes. Under noise the faces are no guide, and patches stand.
     """
-    guide = vertex_normals(points, faces, weights="max")
+    guide = vertex_normals(points, faces, weights="angle")
     has_face = (guide != 0).any(axis=1)
-    doubtful = ~valid
-    if method == "auto":
-        cosine = (normals * guide).sum(axis=1)
-        facing = normals * np.where(cosine < 0, -1, 1)[:, None]
-        doubtful |= np.abs(cosine) < face_cone(points, faces, guide)
-        doubtful |= face_cone(points, faces, facing) <= 0
+    doubtful = ~fitted.valid
+    if settings.method == "auto" and not _is_noisy(points, faces, fitted):
+        width = fan_width(points, faces, guide)
+        doubtful |= (fitted.misfit > _WELL_FITTED * width) | (width > _WIDE_FAN)
     replaced = doubtful & has_face
-    normals = np.where(replaced[:, None], guide, normals)
-    return normals, valid | replaced, int(replaced.sum())
+    normals = np.where(replaced[:, None], guide, fitted.normals)
+    return normals, fitted.valid | replaced, int(replaced.sum())
+
+
+def _wants_wider(points, faces, fitted, asked):
+    """Whether a noisy mesh was fitted with neighbors that nobody asked for."""
+    automatic = asked.method == "auto" and asked.neighbors is None
+    return faces is not None and automatic and _is_noisy(points, faces, fitted)
+
+
+def _is_noisy(points, faces, fitted):
+    """Whether the vertices of a mesh stray far from smooth patches through them."""
+    return fitted.noise > _NOISY * mean_edge(points, faces)
 
 
 def _check_spread(centered):

@@ -81,8 +81,8 @@ def vertex_normals(
     return unit(total)
 
 
-def face_cone(points: FloatArray, faces: IntArray, axes: FloatArray) -> FloatArray:
-    """Return how wide the faces at each vertex open around an axis.
+def fan_width(points: FloatArray, faces: IntArray, axes: FloatArray) -> FloatArray:
+    """Return how far the faces at each vertex turn from an axis.
 
     Parameters
     ----------
@@ -90,18 +90,23 @@ def face_cone(points: FloatArray, faces: IntArray, axes: FloatArray) -> FloatArr
 
     Returns
     -------
-    (n,) float64, the least cosine between the axis and a face's normal; 1 at vertices
-    without a face.
+    (n,) float64, the root mean square sine of the angles between the axis and the
+    normals of the faces; zero at vertices without a face.
     """
     normals = unit(face_vectors(points, faces))
-    least = np.ones(len(points))
+    total, count = np.zeros(len(points)), np.zeros(len(points))
     for corner in range(3):
         at = faces[:, corner]
-        cosine = (normals * axes[at]).sum(axis=1)
-        # A face without area has no normal and no say.
-        cosine[(normals == 0).all(axis=1)] = 1
-        np.minimum.at(least, at, cosine)
-    return least
+        sine = (np.cross(normals, axes[at]) ** 2).sum(axis=1)
+        total += np.bincount(at, sine, minlength=len(points))
+        count += np.bincount(at, minlength=len(points))
+    return np.sqrt(total / np.maximum(count, 1))
+
+
+def mean_edge(points: FloatArray, faces: IntArray) -> float:
+    """Return the mean length of the triangles' sides."""
+    sides = points[faces] - points[np.roll(faces, 1, axis=1)]
+    return float(np.linalg.norm(sides, axis=2).mean())
 
 
 def unit(vectors: FloatArray) -> FloatArray:
