@@ -8,10 +8,11 @@ ones; each module says what it does in its first line.
 from . import shapes
 from .comparison import Comparison, compare_normals
 from .delaunay import delaunay_normals
-from .estimate import Estimate, Settings, estimate_normals
+from .estimate import Estimate, estimate_normals
 from .graph import NeighborGraph
 from .inputs import InputError
 from .orientation import orient_normals
+from .settings import Settings
 from .surface import GridSurface
 from .timescale import TimeScale
 

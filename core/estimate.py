@@ -1,50 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From points to normals: settings, neighborhoods, patches, signs."""
+"""From points to normals: patches, sheets, faces, signs."""
 
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .faces import fan_width, mean_edge, vertex_normals
-from .graph import NearestNeighbors, NeighborGraph
 from .inputs import (
     BoolArray,
     FloatArray,
     InputError,
-    IntArray,
-    as_choice,
     as_faces,
     as_normals,
     as_points,
 )
-from .orientation import MODES, find_orientation
-from .patch import BIQUADRATIC, CUBIC, LEAST_NEIGHBORS, Patches, fit_patches
-from .scale import choose_scale
+from .neighborhoods import Nearest, neighborhoods, unique_points
+from .orientation import find_orientation
+from .patch import LEAST_NEIGHBORS
+from .settings import Settings
 from .sheets import separate, suspects
-from .timescale import WEIGHTS
-
-PATCHES = {"biquadratic": BIQUADRATIC, "cubic": CUBIC}
-
-METHODS = ("auto", "time_scale", "paper")
-GRAPHS = ("auto", "nearest", "delaunay", "mesh")
-
-# Points whose patches are fitted in one go: their arrays stay in the cache.
-_CHUNK = 4096
-
-# Up to here the fits run in double precision; beyond, their time counts and the
-# spacing of so many points leaves rounding in single precision far below the error
-# of the patch.
-_DOUBLE_UP_TO = 200_000
-
-# Neighbors of `time_scale` when none are asked for: near twice the unknowns.
-_NEIGHBORS = 16
-
-# Neighbors from which on all terms up to degree three are fitted.
-_CUBIC_FROM = 12
 
 # A mesh is noisy when its vertices stray from patches by this share of an edge: clean
 # ones, decimated ones too, stay below half of it. Then patches reach over three rings.
@@ -56,92 +34,6 @@ _WELL_FITTED, _WIDE_FAN = 0.1, 0.5
 
 # Share of the progress that is the estimate's; the rest is the orientation's.
 _FITTED = 0.8
-
-
-def _setting(default, doc, *, choices=None, limits=None):
-    return field(
-        default=default, metadata={"doc": doc, "choices": choices, "limits": limits}
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """How normals are estimated. Every field has a default that works.
-
-    Raises
-    ------
-    InputError
-        When a value is not among the choices or outside its limits.
-    """
-
-    method: str = _setting(
-        "auto",
-        "auto chooses scale and weights from the data, time_scale fits a patch to a "
-        "fixed number of neighbors, paper is Table 1 of the paper to the letter",
-        choices=METHODS,
-    )
-    neighbors: int | None = _setting(
-        None, "Neighbors of each point; None chooses", limits=(LEAST_NEIGHBORS, 1000)
-    )
-    radius: float | None = _setting(
-        None, "Largest distance of a neighbor, in object units", limits=(0.0, None)
-    )
-    graph: str = _setting(
-        "auto",
-        "Who is a neighbor: the nearest points, Delaunay edges, or mesh edges",
-        choices=GRAPHS,
-    )
-    patch: str = _setting(
-        "auto",
-        "Terms of a patch: biquadratic are those of the paper, cubic all up to "
-        "degree three",
-        choices=("auto", *PATCHES),
-    )
-    weights: str = _setting(
-        "second_order",
-        "Weights of the diamond derivative; method paper has the paper's",
-        choices=WEIGHTS,
-    )
-    sheets: bool = _setting(
-        True,
-        "Tell neighbors apart where they lie on several sheets or beyond a crease; "
-        "method paper does not",
-        choices=(True, False),
-    )
-    orientation: str = _setting(
-        "auto", "How the sides of the normals are found", choices=MODES
-    )
-    viewpoint: object = _setting(
-        None, "Where normals should face with orientation viewpoint: (3,) or (n, 3)"
-    )
-    reference: object = _setting(
-        None, "Normals to agree with under orientation reference: (n, 3)"
-    )
-    threads: int | None = _setting(
-        None, "Threads at work; None takes all cores", limits=(1, 1024)
-    )
-
-    def __post_init__(self):
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if item.metadata["choices"] is not None:
-                as_choice(value, item.metadata["choices"], name=item.name)
-            elif value is not None and item.metadata["limits"] is not None:
-                _check_limits(item.name, value, *item.metadata["limits"])
-        for name in ("neighbors", "threads"):
-            value = getattr(self, name)
-            if value is not None and int(value) != value:
-                raise InputError(f"expected {name} to be a whole number, got {value}")
-
-
-def _check_limits(name, value, low, high):
-    try:
-        inside = low <= value and (high is None or value <= high)
-    except TypeError:
-        inside = False
-    if not inside or (low == 0.0 and value == 0):
-        span = f"above {low:g}" if high is None else f"from {low:g} to {high:g}"
-        raise InputError(f"expected {name} {span}, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -270,182 +162,6 @@ def estimate_normals(
 
 def _silent(_share):
     """Report progress to nobody."""
-
-
-def unique_points(
-    points: FloatArray,
-) -> tuple[IntArray | None, IntArray | None]:
-    """Find points that share a place.
-
-    Returns
-    -------
-    kept : (u,) int or None
-        One point of each place, increasing.
-    inverse : (n,) int or None
-        Which of the kept ones each point is; None for both where all differ.
-    """
-    # Sorting one hash a point is many times faster than sorting the points: most
-    # clouds hold no twins, and this is all they pay.
-    bits = (points + 0.0).view(np.uint64)
-    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9])
-    mixed = (bits ^ (bits >> np.uint64(29))) * factors.astype(np.uint64)
-    key = mixed[:, 0] ^ (mixed[:, 1] >> np.uint64(7)) ^ (mixed[:, 2] << np.uint64(9))
-    key = np.sort(key)
-    if not (key[1:] == key[:-1]).any():
-        return None, None
-    _, first, inverse = np.unique(
-        points, axis=0, return_index=True, return_inverse=True
-    )
-    if len(first) == len(points):
-        return None, None
-    order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return first[order], rank[inverse.ravel()]
-
-
-def neighborhoods(
-    points: FloatArray, faces: IntArray | None, settings: Settings
-) -> "tuple[Nearest | Rings, Settings]":
-    """Return who is whose neighbor, and how many, as the settings ask.
-
-    Parameters
-    ----------
-    points : (n, 3) float64, centered, all different where there are no faces
-    faces : (m, 3) int or None
-    settings : Settings
-
-    Returns
-    -------
-    source : Nearest or Rings
-        `source.fit(rows)` gives the Patches of points; `source.chunks()` the rows
-        in an order and number that is good for memory.
-    settings : Settings
-        As used: what "auto" and None became.
-    """
-    graph = settings.graph
-    if graph == "auto":
-        alone = "delaunay" if settings.method == "paper" else "nearest"
-        graph = alone if faces is None else "mesh"
-    if graph == "mesh" and faces is None:
-        raise InputError('expected faces for graph "mesh", got points alone')
-    if graph != "nearest":
-        settings = replace(settings, graph=graph, **_fixed(settings))
-        return Rings(points, faces, settings), settings
-    nearest = NearestNeighbors(points)
-    if settings.method == "auto" and settings.neighbors is None:
-        patch, count = choose_scale(nearest)
-        patch = patch if settings.patch == "auto" else settings.patch
-        settings = replace(settings, neighbors=count, patch=patch)
-    fixed = _fixed(settings)
-    fixed["neighbors"] = min(fixed["neighbors"], len(points) - 1)
-    settings = replace(settings, graph=graph, **fixed)
-    return Nearest(nearest, settings), settings
-
-
-def _fixed(settings):
-    """Return neighbors and patch as asked for, or good ones without a look."""
-    paper = settings.method == "paper"
-    count = settings.neighbors or (LEAST_NEIGHBORS if paper else _NEIGHBORS)
-    patch = settings.patch
-    if patch == "auto":
-        # Nine unknowns want a few neighbors more than nine.
-        patch = "biquadratic" if paper or count < _CUBIC_FROM else "cubic"
-    return {"neighbors": count, "patch": patch}
-
-
-class _Source:
-    """Patches of points, whatever their neighborhoods come from.
-
-    A subclass has `chunks()`, and `_offsets(rows)` that returns what `fit_patches`
-    takes.
-    """
-
-    def __init__(self, points, settings):
-        self.points = points
-        self.settings = settings
-        self.paper = settings.method == "paper"
-        many = len(points) > _DOUBLE_UP_TO and not self.paper
-        self.dtype = np.float32 if many else np.float64
-
-    def _offsets(self, rows):
-        raise NotImplementedError
-
-    def fit(self, rows: IntArray) -> Patches:
-        """Return the Patches of the given (m,) points."""
-        offsets, reach = self._offsets(rows)
-        return fit_patches(
-            offsets,
-            reach,
-            terms=PATCHES[self.settings.patch],
-            chart="global" if self.paper else "principal",
-        )
-
-    def _scaled(self, offsets, reach):
-        offsets *= 1 / np.where(reach > 0, reach, 1)
-        return offsets.astype(self.dtype, copy=False)
-
-
-class Nearest(_Source):
-    """Patches over nearest points."""
-
-    def __init__(self, nearest, settings):
-        super().__init__(nearest.points, settings)
-        self.nearest = nearest
-        # Coordinates in the order of the tree's leaves, each axis on its own: a
-        # chunk gathers from memory that is close together.
-        self.sorted = np.ascontiguousarray(self.points[nearest.order].T)
-        self.rank = nearest.rank
-
-    def chunks(self) -> list[IntArray]:
-        """Return the rows chunk by chunk, leaf by leaf."""
-        order = self.nearest.order
-        return [order[at : at + _CHUNK] for at in range(0, len(order), _CHUNK)]
-
-    def _offsets(self, rows):
-        index, distance = self.nearest.neighbors(
-            rows, self.settings.neighbors, radius=self.settings.radius
-        )
-        at, here = self.rank[index.T], self.rank[rows]
-        offsets = np.empty((3, *at.shape))
-        for axis in range(3):
-            np.take(self.sorted[axis], at, out=offsets[axis])
-            offsets[axis] -= self.sorted[axis][here]
-        reach = distance.max(axis=1)
-        return self._scaled(offsets, reach), reach
-
-
-class Rings(_Source):
-    """Patches over the rings of a graph: Delaunay edges or mesh edges."""
-
-    def __init__(self, points, faces, settings):
-        super().__init__(points, settings)
-        if settings.graph == "mesh":
-            graph = NeighborGraph.mesh(len(points), faces)
-        else:
-            graph = NeighborGraph.delaunay(points)
-        self.graph = graph.extended(settings.neighbors)
-
-    def chunks(self) -> list[IntArray]:
-        """Return the rows chunk by chunk, those of like degree together."""
-        degrees = self.graph.degrees
-        order = np.argsort(degrees, kind="stable")
-        # A rectangle is as wide as its last row is long.
-        size = np.cumsum(np.maximum(degrees[order], 1))
-        cuts = np.searchsorted(size, np.arange(1, size[-1], _CHUNK * _NEIGHBORS))[1:]
-        return [rows for rows in np.split(order, cuts) if len(rows)]
-
-    def _offsets(self, rows):
-        at = self.graph.neighbors(rows).T
-        offsets = np.stack(
-            [axis[at] - axis[rows] for axis in np.ascontiguousarray(self.points.T)]
-        )
-        distance = np.sqrt((offsets * offsets).sum(axis=0))
-        if self.settings.radius is not None:
-            offsets *= distance <= self.settings.radius
-            distance *= distance <= self.settings.radius
-        reach = distance.max(axis=0, initial=0)
-        return self._scaled(offsets, reach), reach
 
 
 def _estimate(points, faces, settings, report):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
 from core import InputError, Settings, compare_normals, estimate_normals, shapes
-from core.estimate import unique_points
+from core.neighborhoods import unique_points
 
 TIME_SCALE = Settings(method="time_scale")
 PAPER = Settings(method="paper")
@@ -127,7 +127,7 @@ def test_threads_and_chunks_do_not_matter(monkeypatch):
         for threads in (1, 3)
     )
     np.testing.assert_array_equal(one.normals, two.normals)
-    monkeypatch.setattr("core.estimate._CHUNK", 1000)
+    monkeypatch.setattr("core.neighborhoods._CHUNK", 1000)
     small = estimate_normals(points, settings=TIME_SCALE)
     np.testing.assert_allclose(small.normals, one.normals, atol=1e-12)
 
@@ -135,7 +135,7 @@ def test_threads_and_chunks_do_not_matter(monkeypatch):
 def test_single_precision_costs_no_accuracy(monkeypatch):
     points, normals, _ = shapes.BUMPY.sample(30_000, 2, even=False)
     double = estimate_normals(points, settings=TIME_SCALE)
-    monkeypatch.setattr("core.estimate._DOUBLE_UP_TO", 0)
+    monkeypatch.setattr("core.neighborhoods._DOUBLE_UP_TO", 0)
     single = estimate_normals(points, settings=TIME_SCALE)
     a, b = (np.sqrt((angles(e, normals) ** 2).mean()) for e in (single, double))
     assert a < 1.05 * b

@@ -22,6 +22,8 @@ CORE_ORDER = (
     "scale",
     "sheets",
     "orientation",
+    "settings",
+    "neighborhoods",
     "estimate",
     "delaunay",
     "comparison",
