@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .faces import fan_width, mean_edge, vertex_normals
+from .faces import bump_correlation, fan_width, mean_edge, vertex_normals
 from .inputs import (
     BoolArray,
     FloatArray,
@@ -24,9 +24,10 @@ from .patch import LEAST_NEIGHBORS
 from .settings import Settings
 from .sheets import separate, suspects
 
-# A mesh is noisy when its vertices stray from patches by this share of an edge: clean
-# ones, decimated ones too, stay below half of it. Then patches reach over three rings.
-_NOISY = 0.15
+# A mesh is noisy when its vertices stray from patches by this share of an edge, which
+# clean and decimated ones do half as much, and neighbors do not bulge to one side, as
+# they do on a coarse mesh. Then patches reach over three rings.
+_NOISY, _ALIKE = 0.15, 0.2
 _WIDER = {"neighbors": 30, "patch": "biquadratic"}
 
 # Of a mesh's patch, see `_with_faces`.
@@ -299,8 +300,11 @@ def _wants_wider(points, faces, fitted, asked):
 
 
 def _is_noisy(points, faces, fitted):
-    """Whether the vertices of a mesh stray far from smooth patches through them."""
-    return fitted.noise > _NOISY * mean_edge(points, faces)
+    """Whether the vertices stray far from smooth patches, each on its own account."""
+    return (
+        fitted.noise > _NOISY * mean_edge(points, faces)
+        and bump_correlation(points, faces) < _ALIKE
+    )
 
 
 def _check_spread(centered):

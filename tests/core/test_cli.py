@@ -132,6 +132,16 @@ def test_without_blender_it_says_what_is_missing(capsys, tmp_path, monkeypatch):
     assert err == ""
 
 
+def test_a_terminal_without_greek_letters():
+    code = "from addon import cli; cli._say('φ1 – 12 %')"
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-c", code]
+    ran = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, check=False
+    )
+    assert (ran.returncode, ran.stdout.split()) == (0, [b"?1", b"?", b"12", b"%"])
+
+
 @pytest.mark.parametrize("name", ["results.json", "results.md", FIGURE])
 def test_files_are_replaced_only_when_told(name, capsys, tmp_path, monkeypatch):
     reproduction = cli._part("addon.reproduction")

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import Delaunay
+from scipy.spatial import ConvexHull, Delaunay
 
 from core import InputError, Settings, compare_normals, estimate_normals, shapes
+from core.faces import mean_edge, vertex_normals
 from core.neighborhoods import unique_points
 
 TIME_SCALE = Settings(method="time_scale")
@@ -199,6 +200,46 @@ def test_two_sheets_of_a_mesh_do_not_mix():
     cloud = estimate_normals(both, settings=TIME_SCALE)
     truth = np.concatenate([normals, normals])
     assert np.median(angles(mesh, truth)) < np.median(angles(cloud, truth)) / 10
+
+
+def bumpy_mesh(n, noise, seed=0):
+    """A closed mesh over a bumpy sphere, vertices moved by a share of an edge."""
+    points, normals, _ = shapes.BUMPY.sample(n, seed)
+    directions = points / np.linalg.norm(points, axis=1, keepdims=True)
+    faces = ConvexHull(directions).simplices.astype(np.int64)
+    a, b, c = (directions[faces[:, i]] for i in range(3))
+    inward = (np.cross(b - a, c - a) * (a + b + c)).sum(axis=1) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    edge = mean_edge(points, faces)
+    shift = np.random.default_rng(seed).normal(0, noise * edge, points.shape)
+    return points + shift, normals, faces
+
+
+def rms(values):
+    return np.sqrt((values**2).mean())
+
+
+@pytest.mark.parametrize("n", [300, 1000, 8000])
+def test_a_mesh_is_not_made_worse(n):
+    """From coarse to fine, against the angle-weighted normals of the faces."""
+    points, truth, faces = bumpy_mesh(n, 0)
+    found = rms(angles(estimate_normals(points, faces=faces), truth))
+    faces_alone = vertex_normals(points, faces, weights="angle")
+    assert found <= 1.02 * rms(angles(faces_alone, truth))
+
+
+def test_a_fine_mesh_is_made_better():
+    points, truth, faces = bumpy_mesh(8000, 0)
+    found = rms(angles(estimate_normals(points, faces=faces), truth))
+    faces_alone = vertex_normals(points, faces, weights="angle")
+    assert found < rms(angles(faces_alone, truth)) / 3
+
+
+def test_a_noisy_mesh_is_made_better():
+    points, truth, faces = bumpy_mesh(8000, 0.3)
+    found = rms(angles(estimate_normals(points, faces=faces), truth))
+    faces_alone = vertex_normals(points, faces, weights="angle")
+    assert found < rms(angles(faces_alone, truth)) / 3
 
 
 # Data that is not nice

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-BLENDER = {"bpy", "bmesh", "gpu", "gpu_extras", "mathutils", "blf"}
+BLENDER = {"bpy", "bpy_extras", "bl_operators", "bl_ui", "bmesh", "gpu", "gpu_extras"}
+BLENDER |= {"mathutils", "blf"}
 
 # A module of core imports only modules that stand before it here.
 CORE_ORDER = (
