@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Everything that knows Blender. Importing this package alone does not need it."""
+
+from importlib import import_module
+from importlib.util import find_spec
+from types import ModuleType
+
+# In the order of registration; each has register() and unregister().
+MODULES = (
+    "settings",
+    "run",
+    "operators",
+    "coloring",
+    "dress",
+    "overlay",
+    "patch_view",
+    "report",
+    "samples",
+    "presets",
+    "panel",
+    "cli",
+)
+# What stands in for them where a library that the core needs is not installed.
+FALLBACK = ("missing",)
+
+
+def register() -> None:
+    """Add the settings, operators and panels to Blender."""
+    for module in _modules():
+        module.register()
+
+
+def unregister() -> None:
+    """Take them out again, last in, first out."""
+    for module in reversed(_modules()):
+        module.unregister()
+
+
+def _modules() -> list[ModuleType]:
+    names = MODULES if find_spec("scipy") else FALLBACK
+    return [import_module(f".{name}", __package__) for name in names]

@@ -1,0 +1,863 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The one door to Blender's memory: objects to arrays, arrays to attributes.
+
+Results are attributes under the names in RESULTS and, on meshes with faces, custom
+normals. What was there under these names before is kept on the data itself, renamed,
+and comes back with `clear_results`: renaming is exact for every type, and backups that
+are attributes follow edits, copies, files and undo as the data does.
+"""
+
+import json
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar, cast
+
+import bmesh
+import bpy
+import numpy as np
+from bpy.types import Context, Mesh, Object, PointCloud
+from mathutils.bvhtree import BVHTree
+
+from ..core import InputError
+from ..core.faces import unit
+from ..core.inputs import as_normals
+
+TYPES = {"MESH": "mesh", "POINTCLOUD": "point cloud"}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How foreach_get and foreach_set want the values of an attribute type."""
+
+    field: str
+    dtype: type
+    width: int
+
+
+# Other dtypes than these are ten times slower or refused.
+KINDS = {
+    "FLOAT": Kind("value", np.float32, 1),
+    "FLOAT_VECTOR": Kind("vector", np.float32, 3),
+    "FLOAT_COLOR": Kind("color", np.float32, 4),
+    "BOOLEAN": Kind("value", np.bool_, 1),
+    "INT": Kind("value", np.int32, 1),
+    "INT16_2D": Kind("value", np.int16, 2),
+}
+
+# What the operators leave, one value a point.
+RESULTS = {
+    "ts_normal": "FLOAT_VECTOR",
+    "ts_valid": "BOOLEAN",
+    "delaunay_normal": "FLOAT_VECTOR",
+    "ts_error": "FLOAT",
+    "delaunay_error": "FLOAT",
+    "ts_error_color": "FLOAT_COLOR",
+}
+COLOR = "ts_error_color"
+# Blender takes an attribute of this name for the normals of a mesh: INT16_2D in the
+# tangent space of each corner, or FLOAT_VECTOR ("free").
+CUSTOM_NORMAL = "custom_normal"
+
+# The modifier that shows the colors, which is ours and shapes nothing.
+DRESS = "Time-Scale Colors"
+
+# The leading dot hides an attribute from menus and exporters. The number of each
+# point marks data as ours, and shows whether points came or went since.
+_MARK = ".timescale_points"
+_BACKUP = ".timescale_backup."
+
+# Modifiers that move points after the normals are set.
+_DEFORMERS = frozenset(
+    {
+        "ARMATURE",
+        "CAST",
+        "CLOTH",
+        "CORRECTIVE_SMOOTH",
+        "CURVE",
+        "DISPLACE",
+        "HOOK",
+        "LAPLACIANDEFORM",
+        "LAPLACIANSMOOTH",
+        "LATTICE",
+        "MESH_CACHE",
+        "MESH_DEFORM",
+        "MESH_SEQUENCE_CACHE",
+        "SHRINKWRAP",
+        "SIMPLE_DEFORM",
+        "SMOOTH",
+        "SOFT_BODY",
+        "SURFACE_DEFORM",
+        "WARP",
+        "WAVE",
+    }
+)
+
+Data = Mesh | PointCloud
+Array = np.ndarray
+Item = TypeVar("Item")
+
+
+class ObjectError(InputError):
+    """An object that cannot be read or written as it is; the text names the remedy."""
+
+
+class AttributeMismatchError(InputError):
+    """An attribute that is missing or of another type, domain or size."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """The shape of an object as it stands in the world.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+    faces : (m, 3) int32 or None
+        Triangles, counterclockwise seen from their front, mirrored objects too.
+    matrix : (3, 3) float64
+        From the object's axes to the world's.
+    """
+
+    points: Array
+    faces: Array | None
+    matrix: Array
+
+    def nearest(self, place: Any) -> int:
+        """Return which point is nearest to a place of the world."""
+        return int(np.square(self.points - np.asarray(place)).sum(axis=1).argmin())
+
+    def to_object(self, normals: Array) -> Array:
+        """Turn (n, 3) normals of the world into unit normals of the object.
+
+        Normals go by the inverse transpose, which keeps their side when mirrored.
+        """
+        return unit(normals @ self.matrix)
+
+    def to_world(self, normals: Array) -> Array:
+        """Turn (n, 3) normals of the object into unit normals of the world."""
+        return unit(normals @ np.linalg.inv(self.matrix))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The faces of an object in the world, as a source of true normals.
+
+    Attributes
+    ----------
+    tree : BVHTree
+        Of the triangles less `center`: it works in single precision.
+    center : (3,) float64
+    corners, normals : (m, 3, 3) float64
+        Places of the triangles' corners less `center`, and the normals there.
+    """
+
+    tree: Any
+    center: Array
+    corners: Array
+    normals: Array
+
+    def normals_near(self, points: Array) -> Array:
+        """Return unit normals of the surface nearest to points (n, 3)."""
+        # The tree answers one point at a time.
+        found = [self.tree.find_nearest(p) for p in (points - self.center).tolist()]
+        at = np.array([place for place, _, _, _ in found])
+        row = np.array([index for _, _, index, _ in found])
+        return unit(_mixed(at, self.corners[row], self.normals[row]))
+
+
+def _mixed(at: Array, corners: Array, values: Array) -> Array:
+    """Interpolate values (n, 3, 3) at corners (n, 3, 3) of triangles at places in them.
+
+    A corner's share is the area of the triangle that the place makes with the others.
+    """
+    spokes = corners - at[:, None]
+    cross = np.cross(np.roll(spokes, -1, axis=1), np.roll(spokes, -2, axis=1))
+    area = np.linalg.norm(cross, axis=2)
+    return (area[:, :, None] * values).sum(axis=1)
+
+
+# Objects
+
+
+def find_object(uid: int) -> Object:
+    """Return the object with a session_uid, which undo and renaming leave alone.
+
+    Raises
+    ------
+    ObjectError
+        When there is none any more.
+    """
+    for obj in bpy.data.objects:
+        if obj.session_uid == uid:
+            return obj
+    raise ObjectError("it was removed before its results could be written")
+
+
+def fingerprint(obj: Object) -> tuple[int, ...]:
+    """Return numbers that differ when an object has another shape."""
+    data = _data(obj)
+    count = data.attributes.domain_size("POINT")
+    if not count:
+        return (0,)
+    faces = 0 if is_cloud(obj) else zlib.crc32(_corner_vertices(data).tobytes())
+    return count, zlib.crc32(read_points(obj).tobytes()), faces
+
+
+def active_vertex(obj: Object) -> int | None:
+    """Return the active vertex of a mesh in Edit Mode; None where there is none."""
+    if obj.type != "MESH" or obj.mode != "EDIT":
+        return None
+    active = bmesh.from_edit_mesh(_data(obj)).select_history.active
+    return active.index if isinstance(active, bmesh.types.BMVert) else None
+
+
+def has_targets(context: Context) -> bool:
+    """Whether a mesh or point cloud is selected."""
+    return any(obj.type in TYPES for obj in chosen(context))
+
+
+def targets(context: Context) -> list[Object]:
+    """Return the selected meshes and point clouds, the active one first.
+
+    Of objects that share their data only the first is returned.
+    """
+    # A script may have set a scale or location just before.
+    context.view_layer.update()
+    active = context.view_layer.objects.active
+    found: dict[Data, Object] = {}
+    for obj in sorted(chosen(context), key=lambda obj: obj != active):
+        if obj.type in TYPES:
+            found.setdefault(_data(obj), obj)
+    return list(found.values())
+
+
+def chosen(context: Context) -> list[Object]:
+    """Return the selected objects, and the active one when it is being edited."""
+    active = context.view_layer.objects.active
+    found = list(context.selected_objects)
+    if active and active.mode == "EDIT" and active not in found:
+        found.append(active)
+    return found
+
+
+@contextmanager
+def object_mode(context: Context) -> Iterator[None]:
+    """Leave Edit Mode and the like for the time of the block.
+
+    In these modes attributes have no data, or are kept elsewhere.
+    """
+    active = context.view_layer.objects.active
+    mode = active.mode if active else "OBJECT"
+    if mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    try:
+        yield
+    finally:
+        if mode != "OBJECT":
+            bpy.ops.object.mode_set(mode=mode)
+
+
+def with_progress(
+    context: Context, items: Iterable[Item]
+) -> Iterator[tuple[Item, Callable[[float], None]]]:
+    """Yield each item with a callable that shows its share of the whole, 0 to 1."""
+    items = list(items)
+    manager = context.window_manager
+    manager.progress_begin(0, len(items))
+    try:
+        for index, item in enumerate(items):
+            yield item, partial(_show, manager, index)
+    finally:
+        manager.progress_end()
+
+
+def _show(manager: Any, done: int, share: float) -> None:
+    manager.progress_update(done + share)
+
+
+def check_writable(obj: Object) -> None:
+    """Raise ObjectError when results could not be written to the object's data."""
+    data, kind = _data(obj), TYPES[obj.type]
+    if not data.is_editable or data.override_library:
+        raise ObjectError(
+            f"its {kind} belongs to another file; "
+            f"use Object > Relations > Make Local > Selected Objects and Data first"
+        )
+    if obj.mode == "EDIT" or getattr(data, "is_editmode", False):
+        raise ObjectError(f"its {kind} is in Edit Mode; leave Edit Mode first")
+    taken = obj.vertex_groups.keys() if obj.type == "MESH" else ()
+    for name in (*RESULTS, CUSTOM_NORMAL):
+        # Blender would call the attribute "name.001".
+        if name in taken:
+            raise ObjectError(f'its vertex group "{name}" is in the way; rename it')
+
+
+def is_cloud(obj: Object) -> bool:
+    """Whether an object is points alone: a point cloud, or a mesh without faces."""
+    data = _data(obj)
+    return isinstance(data, PointCloud) or not data.polygons
+
+
+# Reading
+
+
+def read_points(obj: Object) -> Array:
+    """Return the points in the object's own space, (n, 3) float32."""
+    return read_attribute(obj, "position", "FLOAT_VECTOR")
+
+
+def read_geometry(obj: Object, *, evaluated: bool = False) -> Geometry:
+    """Return the object's shape in the world.
+
+    Parameters
+    ----------
+    evaluated : bool
+        Take the shape after shape keys and modifiers, which must keep the points.
+
+    Raises
+    ------
+    ObjectError
+        When there are no points, the object is scaled flat or modifiers change the
+        number of points.
+    """
+    count = _data(obj).attributes.domain_size("POINT")
+    if not count:
+        # Without points 5.x has no attribute "position" either.
+        raise ObjectError(f"its {TYPES[obj.type]} has no points")
+    with _shape_of(obj, evaluated) as data:
+        found = data.attributes.domain_size("POINT")
+        if found != count:
+            raise ObjectError(
+                f"its modifiers make {found:,} points of {count:,}; "
+                f"apply them first or turn After Modifiers off"
+            )
+        points = _read(data, "position", "FLOAT_VECTOR").astype(np.float64)
+        faces = None if is_cloud(obj) else _triangles(data)
+    matrix = np.array(obj.matrix_world)
+    axes = matrix[:3, :3]
+    side = np.sign(np.linalg.det(axes))
+    if side == 0 or not np.isfinite(matrix).all():
+        raise ObjectError("its scale is zero along an axis; give it another one")
+    # The core refuses coordinates that are not finite, and says how many.
+    with np.errstate(invalid="ignore"):
+        points = points @ axes.T + matrix[:3, 3]
+    if faces is not None and side < 0:
+        # Mirrored, the triangles wind the other way around.
+        faces = faces[:, ::-1]
+    return Geometry(points, faces, axes)
+
+
+def read_surface(obj: Object) -> Surface:
+    """Return the faces of a mesh, after its modifiers, as a source of true normals.
+
+    Raises
+    ------
+    ObjectError
+        When there are no faces.
+    """
+    if obj.type != "MESH":
+        raise ObjectError(f'"{obj.name}" has no faces to take true normals from')
+    with _shape_of(obj, True) as mesh:
+        if not mesh.polygons:
+            raise ObjectError(f'"{obj.name}" has no faces to take true normals from')
+        mesh.calc_loop_triangles()
+        points = _read(mesh, "position", "FLOAT_VECTOR").astype(np.float64)
+        triangles = _get(mesh.loop_triangles, Kind("vertices", np.int32, 3))
+        loops = _get(mesh.loop_triangles, Kind("loops", np.int32, 3))
+        normals = _corner_normals(mesh)[loops].astype(np.float64)
+    matrix = np.array(obj.matrix_world)
+    points = points @ matrix[:3, :3].T
+    center = points.mean(axis=0)
+    points -= center
+    normals = unit((normals @ np.linalg.inv(matrix[:3, :3])).reshape(-1, 3))
+    return Surface(
+        BVHTree.FromPolygons(points.tolist(), triangles.tolist()),
+        center + matrix[:3, 3],
+        points[triangles],
+        normals.reshape(-1, 3, 3),
+    )
+
+
+def read_weight(obj: Object, region: str, vertex_group: str) -> Array:
+    """Return the share of each vertex in a region of a mesh, (n,) float64, 0 to 1.
+
+    Parameters
+    ----------
+    region : "all" | "selected" | "group"
+
+    Raises
+    ------
+    ObjectError
+        When nothing is selected or there is no such vertex group.
+    """
+    mesh = _data(obj)
+    count = len(mesh.vertices)
+    if region == "all":
+        return np.ones(count)
+    if region == "selected":
+        # Blender leaves the attribute out where nothing is selected.
+        if ".select_vert" not in mesh.attributes:
+            raise ObjectError("none of its vertices is selected")
+        return _read(mesh, ".select_vert", "BOOLEAN").astype(np.float64)
+    if vertex_group not in obj.vertex_groups:
+        raise ObjectError(f'it has no vertex group "{vertex_group}"')
+    number = obj.vertex_groups[vertex_group].index
+    weight = np.zeros(count)
+    # Blender gives these weights one vertex at a time.
+    for index, vertex in enumerate(mesh.vertices):
+        for element in vertex.groups:
+            if element.group == number:
+                weight[index] = element.weight
+    return weight
+
+
+def read_attribute(obj: Object, name: str, kind: str) -> Array:
+    """Return an attribute of the points, (n,) or (n, width).
+
+    Raises
+    ------
+    AttributeMismatchError
+        When there is none of this name, type and domain.
+    """
+    return _read(_data(obj), name, kind)
+
+
+def read_normals(obj: Object, name: str) -> Array:
+    """Return a vector attribute of the points at length one, (n, 3) float64.
+
+    Raises
+    ------
+    InputError
+        When there is no such attribute, or values in it are not finite.
+    """
+    vectors = read_attribute(obj, name, "FLOAT_VECTOR")
+    return unit(as_normals(vectors, len(vectors), name=f'values in "{name}"'))
+
+
+def has_estimate(obj: Object) -> bool:
+    """Whether the object holds an estimate of the points it has now."""
+    data = _data(obj)
+    # The summary is lost where Blender converts a mesh to a point cloud.
+    there = "ts_normal" in data.attributes and "estimate" in read_summary(obj)
+    return there and _is_ours(data) and not _is_edited(data)
+
+
+def has_attribute(obj: Object, name: str) -> bool:
+    """Whether there is an attribute of this name."""
+    return name in _data(obj).attributes
+
+
+def has_comparison(obj: Object) -> bool:
+    """Whether the object holds a comparison; cheap enough for a panel."""
+    return obj.type in TYPES and "comparison" in read_summary(obj)
+
+
+def record_of(obj: Object) -> Any:
+    """Return what a run leaves on the object's data beside attributes."""
+    return _data(obj).timescale_normals
+
+
+def color_signature(obj: Object) -> tuple[str, float, str]:
+    """Return what differs when an object's colors mean something else."""
+    record = record_of(obj)
+    return record.color_by, record.color_limit, record.summary
+
+
+def read_summary(obj: Object | None) -> dict[str, dict[str, Any]]:
+    """Return what the last run said about an object; empty where there was none."""
+    if obj is None or obj.type not in TYPES:
+        return {}
+    if not _data(obj).is_property_set("timescale_normals"):
+        # Looking at the record would make one.
+        return {}
+    summary = _data(obj).timescale_normals.summary
+    return json.loads(summary) if summary else {}
+
+
+# Writing
+
+
+def write_estimate(
+    obj: Object,
+    normals: Array,
+    valid: Array,
+    *,
+    storage: str,
+    weight: Array | None = None,
+) -> None:
+    """Write normals (n, 3) and valid (n,) of an object in place of earlier results.
+
+    Vertices that are not valid keep the normals they had before any run; in tangent
+    space the automatic ones, where they had free ones, which have no such form.
+
+    Parameters
+    ----------
+    storage : "auto" | "free" | "tangent_space"
+        How custom normals of meshes are kept.
+    weight : (n,) float, optional
+        Share of the new normals in the custom ones, 0 to 1; the rest are those that
+        were there before any run.
+    """
+    # Earlier results are not what an invalid vertex should keep.
+    clear_results(obj)
+    data = _data(obj)
+    if is_cloud(obj):
+        _claim(data)
+    else:
+        if storage == "auto":
+            mixed = weight is not None and _has_free_normals(data)
+            storage = "tangent_space" if _deforms(obj) and not mixed else "free"
+        if weight is None:
+            _write_custom_normals(data, normals, valid, storage)
+        else:
+            _blend_custom_normals(data, normals, valid * weight, storage)
+    write_results(obj, {"ts_normal": normals, "ts_valid": valid})
+
+
+def write_results(obj: Object, results: Mapping[str, Array | None]) -> None:
+    """Write arrays under names in RESULTS; None removes what is there."""
+    data = _data(obj)
+    for name, values in results.items():
+        _remove(data, name)
+        if values is not None:
+            _write(data, name, RESULTS[name], values)
+    if COLOR in results and isinstance(data, Mesh):
+        data.attributes.active_color_name = COLOR
+    _changed(data)
+
+
+def write_summary(obj: Object, summary: Mapping[str, dict[str, Any]]) -> None:
+    """Keep plain values for the panel, in addition to those there."""
+    record = _data(obj).timescale_normals
+    record.summary = json.dumps(read_summary(obj) | dict(summary))
+
+
+def clear_results(obj: Object) -> bool | None:
+    """Remove all results and bring back what was there before the first run.
+
+    Returns
+    -------
+    bool or None
+        Whether points came or went in between, so that what was there came back
+        for those that remain; None when there was nothing to clear.
+    """
+    data = _data(obj)
+    if not _is_ours(data):
+        return None
+    edited = _is_edited(data)
+    colors = _colors_before(data) if isinstance(data, Mesh) else {}
+    _remove(data, _MARK)
+    for name in (*RESULTS, CUSTOM_NORMAL):
+        _remove(data, name)
+        if _BACKUP + name in data.attributes:
+            data.attributes[_BACKUP + name].name = name
+    for use, before in colors.items():
+        setattr(data.attributes, use, before if before in data.attributes else "")
+    data.property_unset("timescale_normals")
+    _changed(data)
+    return edited
+
+
+# Making
+
+
+def add_points(
+    context: Context,
+    name: str,
+    points: Array,
+    attributes: Mapping[str, Array],
+    *,
+    cloud: bool,
+) -> Object:
+    """Add points with vector attributes at the 3D cursor, selected and active.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+    attributes : name to (n, 3) float
+    cloud : bool
+        A point cloud, whose points have a size; else vertices of a mesh.
+    """
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(points))
+    position: Any = mesh.attributes["position"]
+    _set(position.data, KINDS["FLOAT_VECTOR"], points)
+    for attribute, values in attributes.items():
+        _write(mesh, attribute, "FLOAT_VECTOR", values)
+    obj = bpy.data.objects.new(name, mesh)
+    context.collection.objects.link(obj)
+    for other in context.selected_objects:
+        other.select_set(False)
+    obj.select_set(True)
+    context.view_layer.objects.active = obj
+    if cloud:
+        # The one way that all versions have.
+        bpy.ops.object.convert(target="POINTCLOUD")
+        obj = context.view_layer.objects.active
+        obj.data.name = name
+        if not mesh.users:
+            bpy.data.meshes.remove(mesh)
+        _remove(_data(obj), "radius")
+        size = np.full(len(points), point_radius(points))
+        _write(_data(obj), "radius", "FLOAT", size)
+    obj.location = context.scene.cursor.location
+    return obj
+
+
+def point_radius(points: Array) -> float:
+    """Return a size at which points on a surface nearly touch."""
+    return 0.3 * float(np.linalg.norm(np.ptp(points, axis=0)) / np.sqrt(len(points)))
+
+
+def new_sheet(points: Array) -> Mesh:
+    """Return a smooth mesh over a grid of points (n1, n2, 3)."""
+    n1, n2 = points.shape[:2]
+    number = np.arange(n1 * n2).reshape(n1, n2)
+    corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+    faces = np.stack(corners, axis=-1).reshape(-1, 4)
+    mesh = bpy.data.meshes.new("Sheet")
+    mesh.from_pydata(points.reshape(-1, 3).tolist(), [], faces.tolist())
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), np.bool_))
+    return mesh
+
+
+def new_dots(points: Array, radius: float) -> Mesh:
+    """Return a mesh with an octahedron at each of the points (n, 3)."""
+    ends = np.concatenate([np.eye(3), -np.eye(3)]) * radius
+    faces = np.array(
+        [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2)]
+        + [(1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]
+    )
+    places = (points[:, None] + ends).reshape(-1, 3)
+    first = len(ends) * np.arange(len(points))[:, None, None]
+    mesh = bpy.data.meshes.new("Dots")
+    mesh.from_pydata(places.tolist(), [], (first + faces).reshape(-1, 3).tolist())
+    return mesh
+
+
+def new_lines(lines: Iterable[Array], radius: float) -> Any:
+    """Return a curve of round lines, each along points (n, 3)."""
+    curve: Any = bpy.data.curves.new("Lines", "CURVE")
+    curve.dimensions = "3D"
+    curve.bevel_depth = radius
+    curve.bevel_resolution = 2
+    curve.use_fill_caps = True
+    for points in lines:
+        spline = curve.splines.new("POLY")
+        spline.points.add(len(points) - 1)
+        rows = np.concatenate([points, np.ones((len(points), 1))], axis=1)
+        spline.points.foreach_set("co", rows.astype(np.float32).ravel())
+    return curve
+
+
+# Helpers of the above, which work on the data of objects
+
+
+@contextmanager
+def _shape_of(obj: Object, evaluated: bool) -> Iterator[Any]:
+    """Yield the data of an object, as it is kept or after its modifiers but ours."""
+    if not evaluated:
+        yield _data(obj)
+        return
+    dress: Any = obj.modifiers.get(DRESS)
+    shown = dress is not None and dress.show_viewport
+    if shown:
+        dress.show_viewport = False
+    try:
+        yield _data(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    finally:
+        if shown:
+            dress.show_viewport = True
+
+
+def _data(obj: Object) -> Any:
+    """Return the object's Mesh or PointCloud."""
+    return obj.data
+
+
+def _read(data: Data, name: str, kind: str, *, domain: str = "POINT") -> Array:
+    expected = f'a {kind} attribute "{name}" on {domain}'
+    if name not in data.attributes:
+        raise AttributeMismatchError(f"expected {expected}, found none of this name")
+    attribute: Any = data.attributes[name]
+    if (attribute.data_type, attribute.domain) != (kind, domain):
+        raise AttributeMismatchError(
+            f"expected {expected}, found {attribute.data_type} on {attribute.domain}"
+        )
+    return _get(attribute.data, KINDS[kind])
+
+
+def _get(values: Any, kind: Kind) -> Array:
+    flat: Array = np.empty(len(values) * kind.width, dtype=kind.dtype)
+    values.foreach_get(kind.field, flat)
+    return flat if kind.width == 1 else flat.reshape(-1, kind.width)
+
+
+def _write(
+    data: Any, name: str, kind: str, values: Array, *, domain: str = "POINT"
+) -> None:
+    # Fetched by name: before 5.1 a reference dies with the next attribute.
+    data.attributes.new(name, kind, domain)
+    _set(data.attributes[name].data, KINDS[kind], values)
+
+
+def _set(target: Any, kind: Kind, values: Array) -> None:
+    target.foreach_set(kind.field, np.ascontiguousarray(values, kind.dtype).ravel())
+
+
+def _remove(data: Data, name: str) -> None:
+    if name in data.attributes:
+        data.attributes.remove(data.attributes[name])
+
+
+def _changed(data: Data) -> None:
+    """Let Blender forget what it computed from the data."""
+    if isinstance(data, Mesh):
+        data.update()
+    else:
+        data.update_tag()
+
+
+def _triangles(mesh: Mesh) -> Array:
+    """Return the triangles of all faces, (m, 3) int32."""
+    if len(mesh.loops) == 3 * len(mesh.polygons):
+        return _corner_vertices(mesh).reshape(-1, 3)
+    mesh.calc_loop_triangles()
+    return _get(mesh.loop_triangles, Kind("vertices", np.int32, 3))
+
+
+def _corner_vertices(mesh: Mesh) -> Array:
+    """Return the vertex of each corner, (c,) int32."""
+    return _read(mesh, ".corner_vert", "INT", domain="CORNER")
+
+
+def _corner_normals(mesh: Mesh) -> Array:
+    """Return the normals that Blender shades with, (c, 3) float32."""
+    return _get(mesh.corner_normals, KINDS["FLOAT_VECTOR"])
+
+
+def _is_ours(data: Data) -> bool:
+    return _MARK in data.attributes
+
+
+def _is_edited(data: Data) -> bool:
+    """Whether points came, went or changed places since our run."""
+    numbers = _read(data, _MARK, "INT")
+    return not np.array_equal(numbers, np.arange(len(numbers)))
+
+
+def _claim(data: Data) -> None:
+    """Set aside what has our names, and mark the data as ours."""
+    if isinstance(data, Mesh):
+        record = cast(Any, data).timescale_normals
+        record.active_color = data.attributes.active_color_name or ""
+        record.default_color = data.attributes.default_color_name or ""
+    for name in (*RESULTS, CUSTOM_NORMAL):
+        if name in data.attributes:
+            data.attributes[name].name = _BACKUP + name
+    _write(data, _MARK, "INT", np.arange(data.attributes.domain_size("POINT")))
+
+
+def _colors_before(mesh: Any) -> dict[str, str]:
+    """Return the roles that our colors have on the mesh, and who had them before."""
+    record = mesh.timescale_normals
+    roles = {
+        "active_color_name": record.active_color,
+        "default_color_name": record.default_color,
+    }
+    # Blender gave the role to the backup where it was renamed in it.
+    ours = (COLOR, _BACKUP + COLOR)
+    return {r: name for r, name in roles.items() if getattr(mesh.attributes, r) in ours}
+
+
+def _has_free_normals(mesh: Any) -> bool:
+    """Whether the mesh has custom normals that are plain vectors."""
+    attribute = mesh.attributes.get(CUSTOM_NORMAL)
+    return attribute is not None and attribute.data_type == "FLOAT_VECTOR"
+
+
+def _deforms(obj: Object) -> bool:
+    """Whether a user of the mesh moves its points after the normals are set."""
+    mesh = _data(obj)
+    users = [obj]
+    if mesh.users > 1:
+        users = [user for user in bpy.data.objects if user.data == mesh]
+    return bool(mesh.shape_keys) or any(
+        user.parent_type in {"ARMATURE", "LATTICE"}
+        or any(modifier.type in _DEFORMERS for modifier in user.modifiers)
+        for user in users
+    )
+
+
+def _write_custom_normals(
+    mesh: Mesh, normals: Array, valid: Array, storage: str
+) -> None:
+    """Make the normals those of the mesh; corners of the other vertices keep theirs."""
+    corners = _corner_vertices(mesh)
+    kept = ~valid[corners]
+    before = _corner_normals(mesh) if kept.any() else None
+    _claim(mesh)
+    if storage == "tangent_space":
+        _write_tangent_space(mesh, normals, kept)
+    elif before is None:
+        _write(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", normals)
+    else:
+        # The corners of a kept vertex may differ, as on a cube.
+        shown = np.where(kept[:, None], before, normals[corners])
+        _write(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", shown, domain="CORNER")
+
+
+def _write_tangent_space(mesh: Any, normals: Array, kept: Array) -> None:
+    """Write normals of vertices; zeros stand for what Blender computes itself."""
+    sharp = "sharp_edge" in mesh.attributes
+    rows = np.asarray(normals, dtype=np.float32)
+    # From 5.1 on, Blender reads a list twice as fast as an array.
+    mesh.normals_split_custom_set_from_vertices(
+        rows.tolist() if bpy.app.version >= (5, 1, 0) else rows
+    )
+    if not sharp:
+        # Blender adds it here; with nothing marked it is as good as not there.
+        _remove(mesh, "sharp_edge")
+    if kept.any():
+        _keep_bits(mesh, kept)
+
+
+def _blend_custom_normals(
+    mesh: Any, normals: Array, weight: Array, storage: str
+) -> None:
+    """Mix normals of vertices into those that the corners have."""
+    corners = _corner_vertices(mesh)
+    share = weight[corners][:, None]
+    before = _corner_normals(mesh)
+    mixed = unit(share * normals[corners] + (1 - share) * before)
+    mixed = np.where(share > 0, mixed, before)
+    _claim(mesh)
+    if storage == "free":
+        _write(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", mixed, domain="CORNER")
+        return
+    sharp = "sharp_edge" in mesh.attributes
+    rows = mixed.astype(np.float32)
+    mesh.normals_split_custom_set(
+        rows.tolist() if bpy.app.version >= (5, 1, 0) else rows
+    )
+    if not sharp:
+        _remove(mesh, "sharp_edge")
+    _keep_bits(mesh, share[:, 0] == 0)
+
+
+def _keep_bits(mesh: Any, kept: Array) -> None:
+    """Bring back what some corners had in tangent space before.
+
+    Tangent spaces depend on shape and sharp edges alone: these bits still fit.
+    """
+    backup = mesh.attributes.get(_BACKUP + CUSTOM_NORMAL)
+    if backup is not None and backup.data_type != "INT16_2D":
+        return
+    kind = KINDS["INT16_2D"]
+    values = _get(mesh.attributes[CUSTOM_NORMAL].data, kind)
+    # Zeros stand for what Blender computes itself.
+    values[kept] = 0 if backup is None else _get(backup.data, kind)[kept]
+    _set(mesh.attributes[CUSTOM_NORMAL].data, kind, values)

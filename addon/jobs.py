@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One object on its way through an operator, and the steps that it takes.
+
+What is read from Blender travels in a Job. Computing touches nothing but the Job, so
+that it may run in a thread, and nothing is written before all of it is done.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from bpy.types import Context, Object
+
+from .. import core
+from . import bridge, coloring
+from .settings import Options, to_core
+
+Progress = Callable[[float], object]
+
+# Share of the progress that is the estimate's where a comparison follows.
+_ESTIMATED = 0.7
+
+
+@dataclass
+class Job:
+    """What was read, what was computed, what there is to say.
+
+    Attributes
+    ----------
+    uid, name : int, str
+        The object, by what outlives undo and editing: references to Blender's data
+        do not.
+    fingerprint : tuple
+        Of the shape that was read.
+    weight : (n,) float64 or None
+        Share of the estimate in the normals of a mesh; None is all of it.
+    estimate : Estimate or None
+        None where an earlier one is compared.
+    normals, baseline, truth : (n, 3) float64 or None
+        Of the estimate, of the Delaunay triangulation and as given, in object space.
+    surface : Surface or None
+        Where `truth` is to be taken from.
+    stale : bool
+        Whether someone changed or removed the object while its job was computed.
+    notes : list of (level, sentence)
+    """
+
+    uid: int
+    name: str
+    settings: core.Settings = field(init=False)
+    geometry: bridge.Geometry = field(init=False)
+    comparison: core.Comparison = field(init=False)
+    fingerprint: tuple = ()
+    weight: Any = None
+    estimate: core.Estimate | None = None
+    normals: Any = None
+    baseline: Any = None
+    truth: Any = None
+    surface: bridge.Surface | None = None
+    done: bool = False
+    error: str = ""
+    stale: bool = False
+    notes: list[tuple[Any, str]] = field(default_factory=list)
+
+    @property
+    def obj(self) -> Object:
+        """The object; raises ObjectError where it is gone."""
+        return bridge.find_object(self.uid)
+
+    def attempt(self, step: Callable[..., None], *arguments: object) -> None:
+        """Take a step unless one before has failed; bad input ends this job alone."""
+        if self.error:
+            return
+        try:
+            step(self, *arguments)
+        except core.InputError as error:
+            self.error = str(error)
+
+
+def jobs_of(context: Context) -> list[Job]:
+    """Return a job for every selected mesh and point cloud."""
+    return [Job(obj.session_uid, obj.name) for obj in bridge.targets(context)]
+
+
+# Read
+
+
+def read_shape(job: Job, options: Options) -> None:
+    """Read settings and shape of an object that results can be written to."""
+    bridge.check_writable(job.obj)
+    job.settings = to_core(options)
+    job.geometry = bridge.read_geometry(job.obj, evaluated=options.use_modifiers)
+    job.fingerprint = bridge.fingerprint(job.obj)
+    if options.use_modifiers and options.storage == "tangent_space":
+        raise core.InputError(AFTER_MODIFIERS)
+    if job.settings.orientation == "reference":
+        reference = bridge.read_normals(job.obj, options.reference)
+        reference = job.geometry.to_world(reference)
+        job.settings = replace(job.settings, reference=reference)
+
+
+def read_weight(job: Job, options: Options) -> None:
+    """Read how much of the estimate each vertex is to have."""
+    if options.region == "all" and options.strength == 1:
+        return
+    if bridge.is_cloud(job.obj):
+        raise core.InputError(NO_FACES)
+    job.weight = options.strength * bridge.read_weight(
+        job.obj, options.region, options.vertex_group
+    )
+
+
+def read_truth(job: Job, options: Options, surface: bridge.Surface | None) -> None:
+    """Read the true normals, or remember the surface that has them."""
+    job.surface = surface
+    if surface is None and options.truth:
+        job.truth = bridge.read_normals(job.obj, options.truth)
+
+
+def read_earlier_estimate(job: Job) -> None:
+    """Read the estimate that is there."""
+    if bridge.has_estimate(job.obj):
+        job.normals = bridge.read_normals(job.obj, "ts_normal")
+
+
+def check_same(job: Job) -> None:
+    """Raise ObjectError where the object is gone or no longer has its shape."""
+    if bridge.fingerprint(job.obj) != job.fingerprint:
+        raise bridge.ObjectError(CHANGED)
+
+
+# Compute
+
+
+def estimate(job: Job, progress: Progress) -> None:
+    """Estimate the normals of the shape as it stands in the world."""
+    shape = job.geometry
+    job.estimate = core.estimate_normals(
+        shape.points, faces=shape.faces, settings=job.settings, progress=progress
+    )
+    job.normals = shape.to_object(job.estimate.normals)
+
+
+def estimate_and_compare(job: Job, progress: Progress) -> None:
+    """Estimate where there is no estimate, triangulate, compare.
+
+    In object space, so that errors can be checked against the attributes.
+    """
+    shape = job.geometry
+    if job.normals is None:
+        estimate(job, lambda share: progress(_ESTIMATED * share))
+    progress(_ESTIMATED)
+    job.baseline = shape.to_object(
+        core.delaunay_normals(shape.points, faces=shape.faces)
+    )
+    if job.surface is not None:
+        progress((1 + _ESTIMATED) / 2)
+        job.truth = shape.to_object(job.surface.normals_near(shape.points))
+    job.comparison = core.compare_normals(job.normals, job.baseline, truth=job.truth)
+
+
+# Write
+
+
+def write_estimate(job: Job, options: Options) -> None:
+    """Write normals and validity, and say how many and from what."""
+    valid, summary = job.estimate.valid, job.estimate.summary()
+    summary["noise_percent"] = _noise_percent(job)
+    storage = options.storage
+    if storage == "auto" and options.use_modifiers:
+        # Others would be turned once more by what deforms the mesh.
+        storage = "free"
+    bridge.write_estimate(
+        job.obj, job.normals, valid, storage=storage, weight=job.weight
+    )
+    bridge.write_summary(job.obj, {"estimate": summary})
+    if summary["invalid"]:
+        job.notes.append(("WARNING", KEPT.format_map(summary)))
+    sentence = WITH_FACES if summary["from_faces"] else ESTIMATED
+    job.notes.append(("INFO", sentence.format_map(summary)))
+    job.done = True
+
+
+def _noise_percent(job: Job) -> float | None:
+    """Return the noise in per cent of the diagonal, which means more than a length."""
+    noise = job.estimate.noise
+    size = float(np.linalg.norm(np.ptp(job.geometry.points, axis=0)))
+    return 100 * noise / size if noise is not None and size else None
+
+
+def write_comparison(job: Job, options: Options) -> None:
+    """Write the other side, errors and colors, and say which side is nearer."""
+    found, summary = job.comparison, job.comparison.summary()
+    results = {
+        "delaunay_normal": job.baseline,
+        "ts_error": found.deviation if job.truth is None else found.error_estimate,
+        "delaunay_error": found.error_baseline,
+    }
+    bridge.write_results(job.obj, results)
+    bridge.write_summary(job.obj, {"comparison": summary})
+    measure = coloring.possible(options.color_by, found)
+    coloring.write_colors(job.obj, found, measure, options.color_limit)
+    if measure != options.color_by:
+        job.notes.append(("INFO", "without true normals, colors show the difference"))
+    if summary["compared"]:
+        sentence = DIFFERENCE if job.truth is None else NEARER
+        job.notes.append(("INFO", sentence.format_map(summary)))
+    else:
+        job.notes.append(("WARNING", "no point has a normal on both sides"))
+    job.done = True
+
+
+AFTER_MODIFIERS = (
+    "normals in tangent space are turned by its modifiers once more; "
+    "choose Free or turn After Modifiers off"
+)
+NO_FACES = (
+    "it has no faces, so no normals to blend with; "
+    "choose All Vertices and a strength of 1"
+)
+CHANGED = "its shape changed while its normals were computed; run again"
+ESTIMATED = "{valid:,} normals, each from {neighbors} neighbors"
+WITH_FACES = "{valid:,} normals, {from_faces:,} of them by the faces around them"
+KEPT = (
+    "{invalid:,} of {points:,} points had too few neighbors for a normal; "
+    "they keep the one they had"
+)
+NEARER = (
+    "the estimate is nearer to the true normal at {wins_percent:.1f} % of "
+    "{compared:,} points; RMS error {angle_estimate_rms:.3g} degrees, "
+    "Delaunay {angle_baseline_rms:.3g}"
+)
+DIFFERENCE = (
+    "the two normals of {compared:,} points differ by {angle_deviation_rms:.3g} "
+    "degrees (RMS), {angle_deviation_max:.3g} at most"
+)

@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The tab "Time-Scale" of the sidebar, and the entry in the Object menu."""
+
+from typing import Any
+
+import bpy
+from bpy.types import Context, Menu, Panel
+
+from . import bridge, dress, presets, run
+from .operators import CLASSES as OPERATORS
+from .settings import (
+    Layout,
+    draw_colors,
+    draw_compare,
+    draw_details,
+    draw_estimate,
+    fill,
+    settings_of,
+)
+
+ESTIMATE, COMPARE, CLEAR = (operator.bl_idname for operator in OPERATORS)
+
+# Rows of the last result: key of the core's summary, label.
+ESTIMATE_ROWS = (
+    ("points", "Points"),
+    ("invalid", "Without Normal"),
+    ("from_faces", "From Faces"),
+    ("neighbors", "Neighbors"),
+    ("patch", "Patch"),
+    ("noise_percent", "Noise"),
+    ("graph", "Graph"),
+    ("orientation", "Orientation"),
+    ("pieces", "Pieces"),
+)
+STATISTICS = (("rms", "RMS"), ("median", "Median"), ("p95", "95 %"), ("max", "Maximum"))
+
+
+class _InSidebar(Panel):
+    bl_category = "Time-Scale"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+
+
+class VIEW3D_PT_timescale(_InSidebar):
+    """Settings and the buttons that use them."""
+
+    bl_label = "Time-Scale Normals"
+
+    def draw(self, context: Context) -> None:
+        """Show the choices of most users and the three buttons."""
+        _draw_run(self.layout)
+        settings = settings_of(context)
+        column = self.layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        draw_estimate(column, settings, context.object)
+        _button(column, ESTIMATE, context, icon="NORMALS_VERTEX")
+        column.separator(type="LINE")
+        draw_compare(column, settings, context.object)
+        _button(column, COMPARE, context, icon="MOD_TRIANGULATE")
+        column.separator(type="LINE")
+        column.operator("timescale.show_patch", icon="SURFACE_NSURFACE")
+        column.operator(CLEAR, icon="LOOP_BACK")
+
+
+class VIEW3D_PT_timescale_details(_InSidebar):
+    """The rest of the settings."""
+
+    bl_label = "Settings"
+    bl_parent_id = "VIEW3D_PT_timescale"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender wants a plain set
+
+    def draw_header_preset(self, _context: Context) -> None:
+        """Offer the presets."""
+        presets.TIMESCALE_PT_presets.draw_panel_header(self.layout)
+
+    def draw(self, context: Context) -> None:
+        """Show what is chosen well without anyone looking."""
+        self.layout.use_property_split = True
+        self.layout.use_property_decorate = False
+        draw_details(self.layout, settings_of(context))
+
+
+class VIEW3D_PT_timescale_colors(_InSidebar):
+    """What the colors of a comparison show, changed at once."""
+
+    bl_label = "Colors"
+    bl_parent_id = "VIEW3D_PT_timescale"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Stay away from objects without a comparison."""
+        return context.object is not None and bridge.has_comparison(context.object)
+
+    def draw(self, context: Context) -> None:
+        """Show what to color by, and whether viewports show it."""
+        column = self.layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        draw_colors(column, settings_of(context))
+        column.prop(settings_of(context), "show_legend")
+        if dress.is_dressed(context.object):
+            column.operator("timescale.hide_colors", icon="HIDE_ON")
+        else:
+            column.operator("timescale.show_colors", icon="HIDE_OFF")
+
+
+class VIEW3D_PT_timescale_normals(_InSidebar):
+    """Lines in the viewport."""
+
+    bl_label = ""
+    bl_parent_id = "VIEW3D_PT_timescale"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender wants a plain set
+
+    def draw_header(self, context: Context) -> None:
+        """Switch the lines on and off."""
+        self.layout.prop(settings_of(context), "show_normals")
+
+    def draw(self, context: Context) -> None:
+        """Show how the lines look."""
+        settings = settings_of(context)
+        column = self.layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        column.active = settings.show_normals
+        for name in ("normal_length", "normal_share", "show_baseline"):
+            column.prop(settings, name)
+
+
+class VIEW3D_PT_timescale_result(_InSidebar):
+    """What the last run said about the active object."""
+
+    bl_label = "Last Result"
+    bl_parent_id = "VIEW3D_PT_timescale"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Stay away from objects without a result."""
+        return bool(bridge.read_summary(context.object))
+
+    def draw(self, context: Context) -> None:
+        """Show estimate and comparison as two tables."""
+        summary = bridge.read_summary(context.object)
+        if "estimate" in summary:
+            _table(self.layout, result_rows(summary["estimate"]))
+        if "comparison" in summary:
+            self.layout.separator(type="LINE")
+            _table(self.layout, comparison_rows(summary["comparison"]))
+        row = self.layout.row(align=True)
+        row.operator("timescale.copy_report", text="Copy", icon="COPYDOWN")
+        row.operator("timescale.export_report", text="Export", icon="EXPORT")
+
+
+class VIEW3D_MT_object_timescale(Menu):
+    """The operators with the settings of the scene."""
+
+    bl_label = "Time-Scale Normals"
+
+    def draw(self, context: Context | None) -> None:
+        """List the operators."""
+        for name in (ESTIMATE, COMPARE):
+            _button(self.layout, name, context)
+        self.layout.operator("timescale.show_patch")
+        self.layout.operator(CLEAR)
+
+
+def result_rows(summary: dict) -> list[tuple[str, ...]]:
+    """Return label and value of each row about an estimate; zeros are left out."""
+    return [
+        (label, _text(summary[key]) + (" %" if key.endswith("_percent") else ""))
+        for key, label in ESTIMATE_ROWS
+        if summary.get(key)
+    ]
+
+
+def comparison_rows(summary: dict) -> list[tuple[str, ...]]:
+    """Return the rows about a comparison: labels, then one or two columns."""
+    if not summary["compared"]:
+        return [("Compared", "0")]
+    if "wins" not in summary:
+        rows: list[tuple[str, ...]] = []
+        heads, sides = [""], ["deviation"]
+    else:
+        won = summary["wins_percent"]
+        rows = [("Nearer at", f"{won:.1f} %", f"{100 - won:.1f} %")]
+        heads, sides = ["Estimate", "Delaunay"], ["estimate", "baseline"]
+    for title, prefix, unit in (("Angle", "angle_", "°"), ("Coordinate", "error_", "")):
+        rows.append((title, *heads))
+        for key, label in STATISTICS:
+            # What is called an error to the truth is a deviation from each other.
+            names = [f"{prefix}{side}_{key}" for side in sides]
+            names = [name.replace("error_deviation", "deviation") for name in names]
+            rows.append((label, *(_text(summary[name]) + unit for name in names)))
+    return rows
+
+
+def _text(value: object) -> str:
+    if isinstance(value, str):
+        return value.replace("_", " ").title()
+    return f"{value:,}" if isinstance(value, int) else f"{value:.3g}"
+
+
+def _table(layout: Layout, rows: list[tuple[str, ...]]) -> None:
+    columns = layout.grid_flow(
+        row_major=True, columns=len(rows[0]), even_columns=True, align=True
+    )
+    for row in rows:
+        for cell in row:
+            columns.label(text=cell)
+
+
+def _draw_run(layout: Layout) -> None:
+    """Show how far the run beside the window is, and how to end it."""
+    share = run.share_done()
+    if share is not None:
+        row = layout.row(align=True)
+        row.progress(factor=share, text=f"{share:.0%}")
+        row.operator("timescale.stop", text="", icon="X")
+
+
+def _button(
+    layout: Layout, name: str, context: Context | None, *, icon: Any = "NONE"
+) -> None:
+    fill(layout.operator(name, icon=icon), context)
+
+
+# The stubs of append and remove leave out the menu that draws.
+def _draw_menu(menu: Menu, _context: Context) -> None:
+    menu.layout.separator()
+    menu.layout.menu(VIEW3D_MT_object_timescale.__name__)
+
+
+CLASSES = (
+    VIEW3D_PT_timescale,
+    VIEW3D_PT_timescale_details,
+    VIEW3D_PT_timescale_colors,
+    VIEW3D_PT_timescale_normals,
+    VIEW3D_PT_timescale_result,
+    VIEW3D_MT_object_timescale,
+)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
+
+
+def register() -> None:
+    """Add the panels and the menu."""
+    _register_classes()
+    bpy.types.VIEW3D_MT_object.append(_draw_menu)  # type: ignore[arg-type]
+
+
+def unregister() -> None:
+    """Remove them."""
+    bpy.types.VIEW3D_MT_object.remove(_draw_menu)  # type: ignore[arg-type]
+    _unregister_classes()

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Settings, panels and registration."""
+
+import dataclasses
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+from bl_ext.user_default.timescale_normals import addon, core
+from bl_ext.user_default.timescale_normals.addon import missing, panel, settings
+
+FIELDS = {field.name: field for field in dataclasses.fields(core.Settings)}
+OPERATORS = ["estimate_normals", "compare_delaunay", "clear_results"]
+
+
+def properties(operator):
+    return getattr(bpy.ops.timescale, operator).get_rna_type().properties
+
+
+def all_properties():
+    for operator in OPERATORS:
+        yield from properties(operator)
+    yield from bpy.types.Scene.bl_rna.properties[
+        "timescale_normals"
+    ].fixed_type.properties
+
+
+@pytest.mark.parametrize("operator", ["estimate_normals", "compare_delaunay"])
+def test_defaults_and_choices_are_those_of_the_core(operator):
+    found = properties(operator)
+    for name in ("method", "graph", "weights", "orientation"):
+        assert found[name].default == FIELDS[name].default
+        choices = tuple(item.identifier for item in found[name].enum_items)
+        assert choices == FIELDS[name].metadata["choices"]
+
+
+def test_numbers_have_the_bounds_of_the_core_and_zero_for_none():
+    found = properties("estimate_normals")
+    assert found["neighbors"].default == found["radius"].default == 0
+    assert found["neighbors"].hard_min == 0
+    assert found["neighbors"].hard_max == FIELDS["neighbors"].metadata["limits"][1]
+
+
+def button():
+    """What a button of the panel would run."""
+    made = bpy.context.window_manager.operator_properties_last(
+        "timescale.compare_delaunay"
+    )
+    settings.fill(made, bpy.context)
+    return made
+
+
+def test_scene_starts_with_the_defaults_of_the_core():
+    assert settings.to_core(button()) == core.Settings()
+
+
+def test_settings_of_the_scene_reach_the_core_through_a_button():
+    options = bpy.context.scene.timescale_normals
+    camera = scenes.link(bpy.data.objects.new("C", bpy.data.cameras.new("C")))
+    camera.location = (1, 2, 3)
+    bpy.context.view_layer.update()
+    options.method, options.neighbors, options.radius = "time_scale", 12, 0.5
+    options.orientation, options.viewpoint_object = "viewpoint", camera
+    options.truth, options.storage = "normal", "tangent_space"
+    found = button()
+    assert (found.truth, found.storage) == ("normal", "tangent_space")
+    assert settings.to_core(found) == core.Settings(
+        method="time_scale",
+        neighbors=12,
+        radius=0.5,
+        orientation="viewpoint",
+        viewpoint=(1, 2, 3),
+    )
+    options.viewpoint_object = None
+    options.viewpoint = (4, 5, 6)
+    assert settings.to_core(button()).viewpoint == (4, 5, 6)
+
+
+def test_every_label_and_tooltip_follows_the_rules_of_blender():
+    for prop in all_properties():
+        if prop.identifier in {"rna_type", "name"}:
+            continue
+        tip = prop.description
+        assert prop.name == prop.name.title(), prop.identifier
+        assert tip, prop.identifier
+        assert tip[0].isupper(), tip
+        assert not tip.endswith("."), tip
+        assert tip.lower() != prop.name.lower(), tip
+        for item in getattr(prop, "enum_items", ()):
+            assert item.description[0].isupper(), item.identifier
+            assert not item.description.endswith("."), item.description
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_operators_have_a_label_a_tooltip_and_undo(operator):
+    found = getattr(bpy.ops.timescale, operator)
+    rna = found.get_rna_type()
+    assert rna.name
+    assert rna.description[0].isupper()
+    assert not rna.description.endswith(".")
+    assert rna.description != rna.name
+    assert {"REGISTER", "UNDO"} <= found.bl_options
+
+
+def test_rows_of_the_panel_say_what_was_chosen():
+    scenes.new_cloud(scenes.ball(), truth=scenes.ball())
+    bpy.ops.timescale.compare_delaunay(truth="truth")
+    summary = panel.bridge.read_summary(bpy.context.object)
+    rows = dict(panel.result_rows(summary["estimate"]))
+    assert rows["Points"] == "600"
+    assert rows["Neighbors"] == str(summary["estimate"]["neighbors"])
+    assert rows["Graph"] == "Nearest"
+    assert "Without Normal" not in rows
+    table = panel.comparison_rows(summary["comparison"])
+    assert table[0] == ("Nearer at", "100.0 %", "0.0 %")
+    assert ("Angle", "Estimate", "Delaunay") in table
+    assert {len(row) for row in table} == {3}
+    rms = next(row for row in table if row[0] == "RMS")
+    assert rms[1] == f"{summary['comparison']['angle_estimate_rms']:.3g}°"
+
+
+def test_rows_of_a_comparison_without_truth():
+    scenes.sphere(3)
+    bpy.ops.timescale.compare_delaunay()
+    summary = panel.bridge.read_summary(bpy.context.object)
+    table = panel.comparison_rows(summary["comparison"])
+    assert table[0] == ("Angle", "")
+    assert {len(row) for row in table} == {2}
+    expected = f"{summary['comparison']['deviation_max']:.3g}"
+    assert table[-1] == ("Maximum", expected)
+
+
+def test_panel_of_results_shows_only_where_there_are_some():
+    poll = bpy.types.VIEW3D_PT_timescale_result.poll
+    assert not poll(bpy.context)
+    scenes.link(bpy.data.objects.new("L", bpy.data.lights.new("L", "POINT")))
+    assert not poll(bpy.context)
+    scenes.sphere(3)
+    assert not poll(bpy.context)
+    bpy.ops.timescale.estimate_normals()
+    assert poll(bpy.context)
+    bpy.ops.timescale.clear_results()
+    assert not poll(bpy.context)
+
+
+def ours():
+    """Everything of ours that Blender knows."""
+    found = {name for name in dir(bpy.types) if "timescale" in name.lower()}
+    found |= {f"ops.{name}" for name in dir(bpy.ops.timescale)}
+    for owner in (bpy.types.Scene, bpy.types.Mesh, bpy.types.PointCloud):
+        if hasattr(owner, "timescale_normals"):
+            found.add(owner.__name__)
+    menu = bpy.types.VIEW3D_MT_object
+    entries = {
+        f"{draw.__module__}.{draw.__name__}" for draw in menu._dyn_ui_initialize()
+    }
+    found |= {name for name in entries if "timescale" in name}
+    return found
+
+
+def test_nothing_is_left_after_unregistering_and_twice_is_as_once():
+    before = ours()
+    # Three operators, four panels and menus, two groups, three owners, one entry.
+    assert len(before) >= 13
+    for _ in range(2):
+        addon.unregister()
+        assert not ours()
+        addon.register()
+        assert ours() == before
+    scenes.sphere(3)
+    assert bpy.ops.timescale.estimate_normals() == {"FINISHED"}
+
+
+def test_without_scipy_a_panel_says_what_to_do(monkeypatch, caplog):
+    addon.unregister()
+    monkeypatch.setattr(addon, "find_spec", lambda _: None)
+    addon.register()
+    try:
+        assert hasattr(bpy.types, "VIEW3D_PT_timescale_missing")
+        assert not hasattr(bpy.types, "VIEW3D_PT_timescale")
+        assert missing.SENTENCE in caplog.text
+    finally:
+        addon.unregister()
+        monkeypatch.undo()
+        addon.register()
+    assert not hasattr(bpy.types, "VIEW3D_PT_timescale_missing")
+
+
+def test_results_stay_in_the_file_while_the_extension_is_off():
+    obj = scenes.sphere(3)
+    before = scenes.snapshot(obj)
+    bpy.ops.timescale.estimate_normals()
+    kept = scenes.get(obj, "ts_normal")
+    addon.unregister()
+    addon.register()
+    np.testing.assert_array_equal(scenes.get(obj, "ts_normal"), kept)
+    bpy.ops.timescale.clear_results()
+    assert scenes.snapshot(obj) == before
