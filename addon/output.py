@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files that appear whole or not at all, and replace others only when told to."""
+
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+class OutputError(Exception):
+    """A file that cannot be written; the text is one sentence with the remedy."""
+
+
+@contextmanager
+def staged(folder: Path, names: Iterable[str], *, overwrite: bool) -> Iterator[Path]:
+    """Yield an empty folder whose files go to `folder` when all went well.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it is not there yet.
+    names : iterable of str
+        Files that may be written; others in `folder` are left alone.
+    overwrite : bool
+        Whether files of these names may be replaced.
+
+    Raises
+    ------
+    OutputError
+        Before anything is computed, when one of the files is there or the folder
+        cannot be written to.
+    """
+    taken = [name for name in names if (folder / name).exists()]
+    if taken and not overwrite:
+        raise OutputError(
+            f"{folder / taken[0]} is there already: give --overwrite to replace it, "
+            "or another folder"
+        )
+    with _beside(folder) as stage:
+        yield stage
+        for path in sorted(stage.iterdir()):
+            with _explained(folder):
+                path.replace(folder / path.name)
+
+
+@contextmanager
+def _beside(folder: Path) -> Iterator[Path]:
+    """A folder to be filled, inside the one that its files are meant for."""
+    with _explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        # In the same file system, so that the last step is a change of names.
+        stage = tempfile.TemporaryDirectory(dir=folder, prefix=".unfinished-")
+    with stage as path:
+        yield Path(path)
+
+
+@contextmanager
+def _explained(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"cannot write to the folder {folder}: {error.strerror}"
+        ) from error
