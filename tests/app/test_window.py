@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a person does with mouse and keyboard, in the real program."""
+
+import time
+
+import pytest
+
+LONG = """
+import math
+n = 300_000
+import numpy as np
+turn = np.arange(n) * (np.pi * (3 - np.sqrt(5)))
+z = 1 - (2 * np.arange(n) + 1) / n
+flat = np.sqrt(1 - z * z)
+points = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+mesh = bpy.data.meshes.new("Long")
+mesh.vertices.add(n)
+mesh.attributes["position"].data.foreach_set("vector", points.astype("f").ravel())
+obj = bpy.data.objects.new("Long", mesh)
+bpy.context.collection.objects.link(obj)
+obj.select_set(True)
+bpy.context.view_layer.objects.active = obj
+bpy.ops.ed.undo_push(message="Long")
+"""
+HAS = "{!r} in bpy.context.object.data.attributes"
+NAMES = "result = sorted(bpy.context.object.data.attributes.keys())"
+RUNNING = "[o.bl_idname for o in window.modal_operators]"
+LOOK = """
+with bpy.context.temp_override(window=window, area=area, region=region):
+    bpy.ops.view3d.view_selected()
+"""
+
+
+def add(window, call):
+    window.ask(f"{call}\nbpy.ops.ed.undo_push(message='Add')")
+    window.ask(LOOK)
+
+
+def has(name):
+    return HAS.format(name)
+
+
+def test_button_estimates(window, picture):
+    add(window, "bpy.ops.mesh.primitive_monkey_add()")
+    window.press("timescale.estimate_normals")
+    window.wait_for(has("ts_normal"))
+    picture()
+
+
+def test_button_compares_and_the_colors_are_visible(window, picture):
+    add(window, "bpy.ops.mesh.primitive_torus_add(major_segments=64)")
+    window.press("timescale.compare_delaunay")
+    window.wait_for(has("ts_error_color"))
+    picture()
+    assert window.ask("result = area.spaces.active.shading.color_type") == "VERTEX"
+    window.press("timescale.clear_results")
+    window.wait_for("not " + has("ts_error_color"))
+    assert window.ask("result = area.spaces.active.shading.color_type") == "MATERIAL"
+    picture("cleared")
+
+
+def test_escape_ends_a_long_run_and_leaves_the_object_alone(window, picture):
+    window.ask(LONG)
+    before = window.ask(NAMES)
+    window.press("timescale.estimate_normals")
+    window.wait_for(RUNNING)
+    window.ask("pass")
+    picture("running")
+    # The window answers while it computes: the view can be turned.
+    view = window.ask("result = list(area.spaces.active.region_3d.view_rotation)")
+    window.move(*window.center())
+    window.key("KP_1")
+    assert view != window.ask(
+        "result = list(area.spaces.active.region_3d.view_rotation)"
+    )
+    if not window.ask(f"result = bool({RUNNING})"):
+        pytest.skip("the machine was too fast for Esc")
+    window.key("Escape")
+    window.wait_for(f"not {RUNNING}", 10)
+    assert window.ask(NAMES) == before
+    picture("stopped")
+    # Another run is possible at once.
+    window.press("timescale.estimate_normals")
+    window.wait_for(has("ts_normal"), 120)
+
+
+def test_button_beside_the_bar_stops_too(window):
+    window.ask(LONG)
+    before = window.ask(NAMES)
+    window.press("timescale.estimate_normals")
+    window.wait_for(RUNNING)
+    window.ask("bpy.ops.timescale.stop()")
+    window.wait_for(f"not {RUNNING}", 10)
+    assert window.ask(NAMES) == before
+
+
+def test_object_that_goes_meanwhile_is_no_harm(window):
+    window.ask(LONG)
+    window.press("timescale.estimate_normals")
+    window.wait_for(RUNNING)
+    window.ask("bpy.data.objects.remove(bpy.data.objects['Long'])")
+    window.wait_for(f"not {RUNNING}", 120)
+
+
+def test_shape_that_changes_meanwhile_is_not_written_to(window):
+    window.ask(LONG)
+    window.press("timescale.estimate_normals")
+    window.wait_for(RUNNING)
+    window.ask("bpy.context.object.data.vertices[0].co.x += 1")
+    window.wait_for(f"not {RUNNING}", 120)
+    assert "ts_normal" not in window.ask(NAMES)
+
+
+def test_one_undo_takes_a_run_back_and_redo_brings_it_again(window):
+    add(window, "bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=5)")
+    window.press("timescale.compare_delaunay")
+    window.wait_for(has("ts_error"))
+    window.move(*window.center())
+    window.key("ctrl+z")
+    window.wait_for("not " + has("ts_normal"))
+    assert window.ask("result = len(bpy.context.object.modifiers)") == 0
+    window.key("ctrl+shift+z")
+    window.wait_for(has("ts_error"))
+
+
+def test_operator_is_found_by_its_name(window, picture):
+    add(window, "bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)")
+    window.move(*window.center())
+    window.key("F3")
+    window.type("estimate normals")
+    time.sleep(1)
+    picture()
+    window.key("Return")
+    window.wait_for(has("ts_normal"))
+
+
+def test_normals_are_drawn_and_follow_the_shape(window, picture):
+    add(window, "bpy.ops.timescale.add_samples(shape='torus', count=2000)")
+    window.ask(
+        """
+bpy.ops.timescale.compare_delaunay(truth="true_normal")
+settings = bpy.context.scene.timescale_normals
+settings.show_normals = settings.show_baseline = True
+"""
+    )
+    window.ask(LOOK)
+    picture()
+    kept = """
+import sys
+overlay = sys.modules["bl_ext.user_default.timescale_normals.addon.overlay"]
+result = len([key for key in overlay._kept._found if key[0] == "lines"])
+"""
+    assert window.ask(kept) == 1
+    window.ask("bpy.ops.timescale.clear_results(); area.tag_redraw()")
+    picture("cleared")
+    window.ask("bpy.data.objects.remove(bpy.context.object); area.tag_redraw()")
+    time.sleep(1)
+
+
+def test_patch_is_shown(window, picture):
+    add(
+        window,
+        "bpy.ops.timescale.add_samples(shape='bumpy', count=1500)\n"
+        "bpy.context.scene.cursor.location = (0, -1, 0.3)",
+    )
+    window.press("timescale.show_patch")
+    window.wait_for("'Patch' in bpy.data.objects")
+    window.ask(
+        """
+bpy.ops.object.select_all(action="DESELECT")
+bpy.data.objects["Neighbors"].select_set(True)
+area.spaces.active.region_3d.view_perspective = "PERSP"
+"""
+    )
+    window.ask(LOOK)
+    picture()
+
+
+def test_the_whole_panel_can_be_read(window, picture):
+    add(window, "bpy.ops.timescale.add_samples(shape='sphere', count=2000, noise=0.2)")
+    window.ask(
+        """
+bpy.ops.timescale.compare_delaunay(truth="true_normal")
+for number in range(3):
+    bpy.ops.ed.undo_push(message="Sample")
+"""
+    )
+    picture()
+
+
+def test_extension_goes_while_it_draws_and_computes(window):
+    window.ask(LONG)
+    window.press("timescale.estimate_normals")
+    window.wait_for(RUNNING)
+    module = "bl_ext.user_default.timescale_normals"
+    window.ask(f"bpy.ops.preferences.addon_disable(module={module!r})")
+    time.sleep(2)
+    window.ask(f"bpy.ops.preferences.addon_enable(module={module!r})")
+    window.open_sidebar()
+    window.press("timescale.estimate_normals")
+    window.wait_for(has("ts_normal"), 120)
+
+
+def test_program_ends_in_the_middle_of_a_run(window):
+    """The last one: nothing is left to ask."""
+    window.ask(LONG)
+    window.press("timescale.estimate_normals")
+    window.wait_for(RUNNING)
+    window.quit()
+    assert window.blender.returncode == 0
