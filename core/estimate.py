@@ -4,7 +4,8 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,15 +15,17 @@ from .inputs import (
     BoolArray,
     FloatArray,
     InputError,
+    IntArray,
     as_faces,
     as_normals,
     as_points,
 )
 from .neighborhoods import Nearest, neighborhoods, unique_points
 from .orientation import find_orientation
-from .patch import LEAST_NEIGHBORS
+from .patch import LEAST_NEIGHBORS, Patches
 from .settings import Settings
 from .sheets import separate, suspects
+from .surface import GridSurface
 
 # A mesh is noisy when its vertices stray from patches by this share of an edge, which
 # clean and decimated ones do half as much, and neighbors do not bulge to one side, as
@@ -70,6 +73,41 @@ class Estimate:
     separated: int = 0
     noise: float = 0.0
     pieces: int = 0
+    _input: tuple[FloatArray, IntArray | None] | None = field(default=None, repr=False)
+
+    def patches(self, rows: ArrayLike) -> Patches:
+        """Return the patches of some points, fitted again as they were.
+
+        Before points are told apart by sheets and faces have their say.
+
+        Parameters
+        ----------
+        rows : (m,) array_like of int
+        """
+        source, place = self._source
+        return source.fit(place[np.asarray(rows)])
+
+    def bundle(self, i: int) -> GridSurface:
+        """Return the part of Table 1's bundle S that belongs to point i.
+
+        The patch over the grid N(i) x N(i), in the coordinates of the input.
+        """
+        if self._input is None:
+            raise InputError("expected an estimate of estimate_normals for a bundle")
+        return self.patches([i]).bundle(origin=self._input[0][i])
+
+    @cached_property
+    def _source(self):
+        """Return neighborhoods, and the place in them of each point of the input."""
+        if self._input is None:
+            raise InputError("expected an estimate of estimate_normals for patches")
+        points, faces = self._input
+        place: IntArray = np.arange(len(points))
+        points = points - points.mean(axis=0)
+        kept, inverse = unique_points(points) if faces is None else (None, None)
+        if inverse is not None:
+            points, place = points[kept], inverse
+        return neighborhoods(points, faces, self.settings)[0], place
 
     def summary(self) -> dict[str, object]:
         """Return what a report needs, as a dict of plain values."""
@@ -125,10 +163,18 @@ def estimate_normals(
     Notes
     -----
     At each point the neighbors are moved to the origin, turned into a chart and
-    fitted with Eq. (2); the normal is the cross product of the diamond derivatives
+    fitted with a patch; the normal is the cross product of the diamond derivatives
     of the patch. Points that share a place count once and get the same normal.
+
+    Examples
+    --------
+    >>> from core import estimate_normals, shapes
+    >>> points, normals, _ = shapes.SPHERE.sample(500)
+    >>> estimate = estimate_normals(points)
+    >>> bool(((estimate.normals * normals).sum(axis=1) > 0.9999).all())
+    True
     """
-    settings = settings or Settings()
+    asked = settings or Settings()
     points = as_points(points)
     faces = as_faces(faces, len(points))
     if faces is None and len(points) <= LEAST_NEIGHBORS:
@@ -139,14 +185,17 @@ def estimate_normals(
     center = points.mean(axis=0)
     centered = points - center
     _check_spread(centered)
-    settings = _about(settings, center, len(points))
+    settings = _about(asked, center, len(points))
     if settings.method == "paper":
         settings = replace(settings, weights="paper", sheets=False)
     report = progress or _silent
     report(0.0)
     kept, inverse = unique_points(centered) if faces is None else (None, None)
     if kept is None or inverse is None:
-        return _estimate(centered, faces, settings, report)
+        estimate = _estimate(centered, faces, settings, report)
+        return replace(
+            estimate, settings=_as_asked(estimate, asked), _input=(points, faces)
+        )
     if len(kept) <= LEAST_NEIGHBORS:
         raise InputError(
             f"expected at least {LEAST_NEIGHBORS + 1} places for a patch, got "
@@ -158,6 +207,15 @@ def estimate_normals(
         normals=estimate.normals[inverse],
         valid=estimate.valid[inverse],
         condition=None if estimate.condition is None else estimate.condition[inverse],
+        settings=_as_asked(estimate, asked),
+        _input=(points, None),
+    )
+
+
+def _as_asked(estimate, asked):
+    """Return the settings as used, with the places and normals as the caller gave."""
+    return replace(
+        estimate.settings, viewpoint=asked.viewpoint, reference=asked.reference
     )
 
 

@@ -250,32 +250,42 @@ class TimeScale:
         return _like(t, gamma)
 
     def delta(
-        self, values: ArrayLike | Callable, t: ArrayLike | None = None
+        self,
+        values: ArrayLike | Callable,
+        t: ArrayLike | None = None,
+        *,
+        axis: int = 0,
     ) -> FloatArray:
         """Return the delta derivative, (f(sigma) - f) / mu or its limit.
 
         Parameters
         ----------
         values : (n, ...) array_like or callable
-            Samples on an isolated time scale along axis 0, or a function of arrays.
+            Samples on an isolated time scale along `axis`, or a function of arrays.
         t : array_like, optional
             With a function: the members at which to differentiate; by default all of
             an isolated time scale.
+        axis : int
+            Of samples, the axis along which the time scale runs.
 
         Returns
         -------
         (n, ...) float64; nan at a left-scattered maximum, where it does not exist.
         """
-        return self._one_sided(values, t, self.sigma, +1)
+        return self._one_sided(values, t, self.sigma, +1, axis)
 
     def nabla(
-        self, values: ArrayLike | Callable, t: ArrayLike | None = None
+        self,
+        values: ArrayLike | Callable,
+        t: ArrayLike | None = None,
+        *,
+        axis: int = 0,
     ) -> FloatArray:
         """Return the nabla derivative, (f - f(rho)) / nu or its limit.
 
         As `delta`, with nan at a right-scattered minimum.
         """
-        return self._one_sided(values, t, self.rho, -1)
+        return self._one_sided(values, t, self.rho, -1, axis)
 
     def diamond(
         self,
@@ -283,6 +293,7 @@ class TimeScale:
         t: ArrayLike | None = None,
         *,
         weights: str = "paper",
+        axis: int = 0,
     ) -> FloatArray:
         """Return the symmetric derivative gamma delta + (1 - gamma) nabla.
 
@@ -302,6 +313,8 @@ class TimeScale:
         On isolated points "paper" is (f(sigma) - f(rho)) / (sigma - rho), exact on
         linear functions; "second_order" is exact on quadratics.
         """
+        if not callable(values):
+            values = _first(values, axis)
         delta, nabla = self.delta(values, t), self.nabla(values, t)
         at = self._default_members(values, t)
         gamma = np.asarray(self.gamma(at, weights=weights))
@@ -309,6 +322,7 @@ class TimeScale:
         mixed = gamma * delta + (1 - gamma) * nabla
         # 0 * nan is nan: where one side has no say it must not be asked.
         result = np.where(gamma == 1, delta, np.where(gamma == 0, nabla, mixed))
+        result = result if callable(values) else np.moveaxis(result, 0, axis)
         return _like(np.asarray(at), result)
 
     # Inside
@@ -332,10 +346,10 @@ class TimeScale:
             raise InputError("expected t only with a function, got it with samples")
         return self.points
 
-    def _one_sided(self, values, t, jump, side):
+    def _one_sided(self, values, t, jump, side, axis):
         t = self._default_members(values, t)
         if not callable(values):
-            return self._sampled(values, side)
+            return np.moveaxis(self._sampled(_first(values, axis), side), 0, axis)
         t, _ = self._members(t)
         gap = np.asarray(jump(t)) - t
         scattered = gap != 0
@@ -352,12 +366,11 @@ class TimeScale:
         return _like(t, result)
 
     def _sampled(self, values, side):
-        values = as_numbers(values, name="values")
         points = self.points
-        if values.ndim == 0 or len(values) != len(points):
+        if len(values) != len(points):
             raise InputError(
                 f"expected values for the {len(points)} points of the time scale "
-                f"along axis 0, got shape {values.shape}"
+                f"along their axis, got {len(values)}"
             )
         slopes = np.diff(values, axis=0) / _columns(np.diff(points), values)
         end = np.full_like(values[:1], np.nan)
@@ -417,6 +430,16 @@ def _joined(starts, stops):
     opens = np.concatenate([[True], starts[1:] > stops[:-1]])
     closes = np.concatenate([opens[1:], [True]])
     return starts[opens], stops[closes]
+
+
+def _first(values, axis):
+    """Return samples with the axis of the time scale first."""
+    values = as_numbers(values, name="values")
+    if not -values.ndim <= axis < values.ndim:
+        raise InputError(
+            f"expected samples with an axis {axis}, got shape {values.shape}"
+        )
+    return np.moveaxis(values, axis, 0)
 
 
 def _columns(array, like):

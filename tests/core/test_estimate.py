@@ -397,6 +397,37 @@ def test_raising_in_progress_cancels(threads):
     assert len(calls) == 2
 
 
+# Patches again
+
+
+@pytest.mark.parametrize("setting", METHODS, ids=lambda s: f"{s.method}-{s.weights}")
+def test_bundle_at_a_point_has_the_normal_of_its_estimate(setting):
+    points, _, _ = shapes.TORUS.sample(400, 0)
+    points = np.concatenate([points, points[:7]]) + [1e3, 0, 0]
+    estimate = estimate_normals(points, settings=setting)
+    for i in (3, 100, 403):
+        bundle = estimate.bundle(i)
+        here = tuple(
+            int(np.flatnonzero(T.points == 0)[0]) for T in (bundle.T1, bundle.T2)
+        )
+        np.testing.assert_allclose(bundle.points[here], points[i], atol=1e-9)
+        weights = estimate.settings.weights
+        normal = estimate.patches([i]).normals(weights=weights)[0]
+        assert abs(normal @ estimate.normals[i]) == pytest.approx(1, abs=1e-9)
+        if weights == "paper":
+            # The three-point difference is not exact on cubic terms.
+            grid = bundle.normals(weights=weights)[here]
+            assert abs(grid @ normal) == pytest.approx(1, abs=1e-9)
+
+
+def test_settings_come_back_as_they_were_given():
+    points, _, _ = shapes.SPHERE.sample(300, 0)
+    asked = Settings(orientation="viewpoint", viewpoint=(5.0, 0, 0))
+    used = estimate_normals(points + [100.0, 0, 0], settings=asked).settings
+    assert used.viewpoint == (5.0, 0, 0)
+    assert used.neighbors == 16
+
+
 # The paper's method
 
 

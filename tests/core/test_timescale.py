@@ -128,6 +128,20 @@ def test_values_may_be_vectors():
     np.testing.assert_allclose(scale.diamond(values), [[1, 2]] * 3)
 
 
+def test_values_may_run_along_any_axis():
+    scale = TimeScale([0.0, 1.0, 3.0])
+    values = np.random.default_rng(0).normal(size=(2, 3, 4))
+    for derivative in (scale.delta, scale.nabla, scale.diamond):
+        expected = np.stack([derivative(part) for part in values])
+        np.testing.assert_array_equal(derivative(values, axis=1), expected)
+    with pytest.raises(InputError, match="3 points"):
+        scale.delta(values, axis=2)
+    with pytest.raises(InputError, match="axis"):
+        scale.delta(values, axis=3)
+    with pytest.raises(InputError, match="axis"):
+        scale.delta(1.0)
+
+
 @given(scales(), st.floats(-5, 5), st.floats(-5, 5))
 def test_linear(scale, a, b):
     rng = np.random.default_rng(0)
