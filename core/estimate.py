@@ -21,7 +21,7 @@ from .inputs import (
     as_points,
 )
 from .neighborhoods import Nearest, neighborhoods, unique_points
-from .orientation import find_orientation
+from .orientation import Orientation, find_orientation
 from .patch import LEAST_NEIGHBORS, Patches
 from .settings import Settings
 from .sheets import separate, suspects
@@ -61,8 +61,8 @@ class Estimate:
     noise : float
         What the residuals say about the noise of the points: a standard deviation,
         in object units, the median over all patches.
-    pieces : int
-        Pieces that were oriented each on its own; 0 where no pieces were looked for.
+    orientation : Orientation
+        How the sides were found, and how sure they are.
     """
 
     normals: FloatArray
@@ -72,7 +72,7 @@ class Estimate:
     from_faces: int = 0
     separated: int = 0
     noise: float = 0.0
-    pieces: int = 0
+    orientation: Orientation | None = None
     _input: tuple[FloatArray, IntArray | None] | None = field(default=None, repr=False)
 
     def patches(self, rows: ArrayLike) -> Patches:
@@ -123,9 +123,19 @@ class Estimate:
             "separated": self.separated,
             "graph": self.settings.graph,
             "weights": self.settings.weights,
-            "orientation": self.settings.orientation,
-            "pieces": self.pieces,
-        }
+        } | ({} if self.orientation is None else self.orientation.summary())
+
+    @property
+    def pieces(self) -> int:
+        """Pieces that were oriented each on its own; 0 where a guide decided."""
+        return 0 if self.orientation is None else self.orientation.pieces
+
+    @property
+    def orientation_confidence(self) -> FloatArray:
+        """(n,) float64, how sure the side of each normal is, 0 to 1."""
+        if self.orientation is None:
+            return np.zeros(len(self.valid))
+        return self.orientation.confidence
 
 
 def estimate_normals(
@@ -207,8 +217,18 @@ def estimate_normals(
         normals=estimate.normals[inverse],
         valid=estimate.valid[inverse],
         condition=None if estimate.condition is None else estimate.condition[inverse],
+        orientation=_of_places(estimate.orientation, inverse),
         settings=_as_asked(estimate, asked),
         _input=(points, None),
+    )
+
+
+def _of_places(orientation, inverse):
+    """Return the orientation of points of which several share a place."""
+    return replace(
+        orientation,
+        signs=orientation.signs[inverse],
+        confidence=orientation.confidence[inverse],
     )
 
 
@@ -244,6 +264,8 @@ def _estimate(points, faces, settings, report):
         faces=faces,
         viewpoint=settings.viewpoint,
         reference=settings.reference,
+        nested=settings.nested,
+        threads=settings.threads,
     )
     report(1.0)
     return Estimate(
@@ -254,7 +276,7 @@ def _estimate(points, faces, settings, report):
         from_faces,
         separated,
         fitted.noise,
-        orientation.pieces,
+        orientation,
     )
 
 

@@ -5,9 +5,10 @@ References
 ----------
 [1] H. Hoppe et al., "Surface Reconstruction from Unorganized Points", SIGGRAPH 1992:
     signs spread along a minimum spanning tree of 1 - |n_i . n_j|.
+[2] See `poles`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,9 +24,12 @@ from .inputs import (
     as_normals,
     as_points,
 )
+from .sides import Sides, find_sides
+from .tree import spread_signs
 
 MODES = (
     "auto",
+    "poles",
     "propagate",
     "viewpoint",
     "outward",
@@ -34,8 +38,16 @@ MODES = (
     "none",
 )
 
+# What a piece inside another one is: the wall of a cavity, or a body of its own.
+NESTED = ("cavity", "outward")
+
 # Neighbors in the graph along which signs spread.
 _NEIGHBORS = 10
+
+# Below this confidence a sign counts as uncertain, and more uncertain signs than this
+# share are worth a warning.
+_UNCERTAIN = 0.3
+_MANY = 0.05
 
 
 @dataclass(frozen=True)
@@ -49,11 +61,38 @@ class Orientation:
         What "auto" became.
     pieces : int
         Connected pieces that were oriented each on its own.
+    confidence : (n,) float64
+        0 (a guess) to 1 (all evidence agrees); 1 where a guide decided.
+    disagreeing : float
+        Share of the neighbors on one smooth surface that face opposite sides.
+    warnings : tuple of str
+        Sentences that say where the evidence is thin.
     """
 
     signs: IntArray
     mode: str
     pieces: int
+    confidence: FloatArray = field(default_factory=lambda: np.ones(0))
+    disagreeing: float = 0.0
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def uncertain(self) -> float:
+        """Share of the points whose side is uncertain."""
+        if not len(self.confidence):
+            return 0.0
+        return float((self.confidence < _UNCERTAIN).mean())
+
+    def summary(self) -> dict[str, object]:
+        """Return what a report needs, as a dict of plain values."""
+        return {
+            "orientation": self.mode,
+            "pieces": self.pieces,
+            "turned": int((self.signs < 0).sum()),
+            "disagreeing": self.disagreeing,
+            "uncertain": self.uncertain,
+            "warnings": list(self.warnings),
+        }
 
 
 def orient_normals(
@@ -65,6 +104,7 @@ def orient_normals(
     viewpoint: ArrayLike | None = None,
     reference: ArrayLike | None = None,
     graph: NeighborGraph | None = None,
+    nested: str = "cavity",
 ) -> FloatArray:
     """Turn normals to consistent sides.
 
@@ -72,9 +112,11 @@ def orient_normals(
     ----------
     points, normals : (n, 3) array_like of float
         Rows of `normals` that are zero stay zero and are left out.
-    mode : "auto" | "propagate" | "viewpoint" | "outward" | "faces" | "reference" |
-            "none"
-        "auto": "faces" where there are faces, else "propagate".
+    mode : "auto" | "poles" | "propagate" | "viewpoint" | "outward" | "faces" |
+            "reference" | "none"
+        "auto": "faces" where there are faces, else "poles".
+        "poles": by what is inside and outside, found from the poles of the points
+        [2]; by "propagate" where that cannot work, as in a plane.
         "propagate": along a minimum spanning tree of the neighbor graph [1], each
         piece turned so that its outermost points look out.
         "viewpoint": toward a point. "outward": away from the center of each piece.
@@ -85,7 +127,11 @@ def orient_normals(
         One point for all, or one for each (a sensor's path).
     reference : (n, 3) array_like of float, optional
     graph : NeighborGraph, optional
-        Where signs may spread; by default the ten nearest neighbors.
+        Where signs may spread under "propagate"; by default the ten nearest
+        neighbors.
+    nested : "cavity" | "outward"
+        Pieces inside others under "poles": walls of a cavity, which face it, or
+        bodies of their own.
 
     Returns
     -------
@@ -106,6 +152,7 @@ def orient_normals(
         viewpoint=viewpoint,
         reference=reference,
         graph=graph,
+        nested=nested,
     )
     return normals * orientation.signs[:, None]
 
@@ -119,34 +166,116 @@ def find_orientation(
     viewpoint: ArrayLike | None = None,
     reference: ArrayLike | None = None,
     graph: NeighborGraph | None = None,
+    nested: str = "cavity",
+    threads: int | None = None,
 ) -> Orientation:
     """Return the Orientation of checked arrays; see `orient_normals`."""
     as_choice(mode, MODES, name="orientation")
+    as_choice(nested, NESTED, name="nested")
     if mode == "auto":
-        mode = "propagate" if faces is None else "faces"
+        mode = "poles" if faces is None else "faces"
+    if mode == "poles":
+        found = _by_poles(points, normals, nested, threads)
+        if found is not None:
+            return found
+        mode = "propagate"
+    if mode in ("propagate", "outward"):
+        return _by_pieces(points, normals, mode, graph)
+    return Orientation(
+        _guided(points, normals, mode, faces, viewpoint, reference),
+        mode,
+        0,
+        (normals != 0).any(axis=1).astype(np.float64),
+    )
+
+
+def _guided(points, normals, mode, faces, viewpoint, reference):
+    """Return the signs that agree with what was given, (n,) int8."""
     if mode == "none":
-        return Orientation(np.ones(len(points), dtype=np.int8), mode, 0)
+        return np.ones(len(points), dtype=np.int8)
     if mode == "viewpoint":
-        return Orientation(_toward(points, normals, viewpoint), mode, 0)
+        return _toward(points, normals, viewpoint)
     if mode == "reference":
         if reference is None:
             raise InputError('expected reference normals for orientation "reference"')
         reference = as_normals(reference, len(points), name="reference normals")
-        return Orientation(_agreeing(normals, reference), mode, 0)
-    if mode == "faces":
-        if faces is None:
-            raise InputError('expected faces for orientation "faces", got none')
-        return _by_faces(points, normals, faces)
-    if graph is None:
+        return _agreeing(normals, reference)
+    if faces is None:
+        raise InputError('expected faces for orientation "faces", got none')
+    return _by_faces(points, normals, faces)
+
+
+def _by_poles(points, normals, nested, threads):
+    """Orient by inside and outside; None where there is neither."""
+    valid = (normals != 0).any(axis=1)
+    rows = slice(None) if valid.all() else np.flatnonzero(valid)
+    sides = find_sides(points[rows], normals[rows], workers=threads or -1)
+    if sides is None:
+        return None
+    signs = np.ones(len(points), dtype=np.int8)
+    confidence = np.zeros(len(points))
+    signs[rows], confidence[rows] = sides.signs, sides.confidence
+    if nested == "outward":
+        outward = normals[rows] * sides.signs[:, None]
+        signs[rows] *= _looking_out(points[rows], outward, sides.piece)[sides.piece]
+    return Orientation(
+        signs,
+        "poles",
+        int(sides.piece.max()) + 1,
+        confidence,
+        sides.disagreeing,
+        _warnings(sides),
+    )
+
+
+def _warnings(sides: Sides) -> tuple[str, ...]:
+    """Say where the evidence for the sides is thin."""
+    found = []
+    share = (sides.confidence < _UNCERTAIN).mean()
+    if share > _MANY:
+        found.append(
+            f"The side of {share:.0%} of the points is uncertain: sheets as close as "
+            "the points, sheets that cross, or noise."
+        )
+    if sides.open:
+        found.append(
+            "The surface is open: its sides agree with each other, but which one is "
+            "outside is a guess."
+        )
+    return tuple(found)
+
+
+def _by_pieces(points, normals, mode, graph):
+    """Orient each piece on its own, by propagation or away from its center."""
+    if graph is None and len(points) > 1:
         graph = NeighborGraph.nearest(points, _NEIGHBORS)
-    labels = _pieces(graph, normals)
+    elif graph is None:
+        graph = NeighborGraph.from_edges(len(points), [])
+    edges, doubt, relation = _between_valid(graph, normals)
+    tree, labels = spread_signs(len(points), edges, doubt, relation)
     if mode == "propagate":
-        signs = _propagated(graph, normals)
-        signs = signs * _looking_out(points, normals * signs[:, None], labels)[labels]
+        signs = tree * _looking_out(points, normals * tree[:, None], labels)[labels]
     else:
         signs = _agreeing(normals, points - _centers(points, labels)[labels])
-    pieces = len(np.unique(labels[(normals != 0).any(axis=1)]))
-    return Orientation(signs.astype(np.int8), mode, pieces)
+    valid = (normals != 0).any(axis=1)
+    apart = relation * signs[edges[:, 0]] * signs[edges[:, 1]] < 0
+    return Orientation(
+        signs.astype(np.int8),
+        mode,
+        len(np.unique(labels[valid])),
+        np.where(valid, _support(len(points), edges, 1 - doubt, apart), 0.0),
+        float(apart.mean()) if len(edges) else 0.0,
+    )
+
+
+def _support(count, edges, weight, apart):
+    """Return how far the neighbors of each point agree with it, (count,) 0 to 1."""
+    ends = edges.ravel()
+    both = np.repeat(weight, 2)
+    total = np.bincount(ends, both, minlength=count)
+    against = np.bincount(ends, both * np.repeat(apart, 2), minlength=count)
+    share = np.divide(against, total, out=np.full(count, 0.5), where=total > 0)
+    return np.abs(1 - 2 * share)
 
 
 def _agreeing(normals, directions):
@@ -174,74 +303,17 @@ def _by_faces(points, normals, faces):
         guided = np.flatnonzero(has_face)
         _, at = NearestNeighbors(points[guided]).tree.query(points[~has_face])
         guide[~has_face] = guide[guided[at]]
-    return Orientation(_agreeing(normals, guide), "faces", 0)
-
-
-def _pieces(graph, normals):
-    """Return the connected piece of each point, (n,) int, apart from invalid ones."""
-    from scipy.sparse.csgraph import connected_components
-
-    return connected_components(_between_valid(graph, normals), directed=False)[1]
+    return _agreeing(normals, guide)
 
 
 def _between_valid(graph, normals):
-    """Return the (n, n) matrix of [1]'s edge weights between valid points."""
-    from scipy import sparse
-
+    """Return edges (e, 2) between valid points with [1]'s doubts and signs, (e,)."""
     edges = graph.edges
     valid = (normals != 0).any(axis=1)
     edges = edges[valid[edges].all(axis=1)]
-    a, b = edges.T
-    tilt = 1 - np.abs((normals[a] * normals[b]).sum(axis=1))
-    # A stored zero would be no edge at all to scipy.
-    weight = np.maximum(tilt, 0) + 1e-12
-    return sparse.coo_matrix((weight, (a, b)), shape=(len(normals),) * 2).tocsr()
-
-
-def _propagated(graph, normals):
-    """Spread signs along a minimum spanning tree [1], (n,) int8.
-
-    Every point first knows its sign relative to its parent; jumping from parent to
-    grandparent and on, it knows it relative to the root after log2(depth) rounds.
-    """
-    from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
-
-    tree = minimum_spanning_tree(_between_valid(graph, normals))
-    count, labels = connected_components(tree, directed=False)
-    # One tree for all pieces: a root beside the points, joined to one of each.
-    _, firsts = np.unique(labels, return_index=True)
-    parent = _parents(tree, firsts, count)
-    here = np.arange(len(normals))
-    dot = (normals * normals[parent]).sum(axis=1)
-    sign = np.where((dot < 0) & (parent != here), -1, 1).astype(np.int8)
-    while (parent[parent] != parent).any():
-        sign = sign * sign[parent]
-        parent = parent[parent]
-    return sign
-
-
-def _parents(tree, firsts, pieces):
-    """Return each point's parent in a forest; the roots `firsts` are their own."""
-    from scipy import sparse
-    from scipy.sparse.csgraph import breadth_first_order
-
-    n = tree.shape[0]
-    joined = sparse.bmat(
-        [
-            [tree, None],
-            [
-                sparse.coo_matrix(
-                    (np.ones(pieces), (np.zeros(pieces, dtype=int), firsts)),
-                    shape=(1, n),
-                ),
-                sparse.coo_matrix((1, 1)),
-            ],
-        ]
-    ).tocsr()
-    _, parent = breadth_first_order(joined, n, directed=False, return_predecessors=True)
-    parent = parent[:n].astype(np.int64)
-    parent[firsts] = firsts
-    return parent
+    cosine = (normals[edges[:, 0]] * normals[edges[:, 1]]).sum(axis=1)
+    sign = np.where(cosine < 0, -1, 1).astype(np.int8)
+    return edges, np.maximum(1 - np.abs(cosine), 0), sign
 
 
 def _centers(points, labels):

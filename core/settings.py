@@ -4,7 +4,7 @@
 from dataclasses import dataclass, field, fields
 
 from .inputs import InputError, as_choice
-from .orientation import MODES
+from .orientation import MODES, NESTED
 from .patch import BIQUADRATIC, CUBIC, LEAST_NEIGHBORS
 from .timescale import WEIGHTS
 
@@ -65,6 +65,12 @@ class Settings:
     )
     orientation: str = _setting(
         "auto", "How the sides of the normals are found", choices=MODES
+    )
+    nested: str = _setting(
+        "cavity",
+        "Pieces inside others, under orientation poles: walls of a cavity, or bodies "
+        "that face outward",
+        choices=NESTED,
     )
     viewpoint: object = _setting(
         None, "Where normals should face with orientation viewpoint: (3,) or (n, 3)"

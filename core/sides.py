@@ -1,0 +1,510 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The outward side of every point of a cloud, from the poles of a part of it.
+
+A cloud is made fit for `poles`: noise is smoothed away, what is dense is thinned, lone
+points are left out. What the poles say of these *representatives* is mended where the
+smooth surface around contradicts it, and taken back to all points.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .graph import NearestNeighbors
+from .inputs import BoolArray, FloatArray, IntArray
+from .patch import tangent_axes
+from .poles import label_poles
+from .tree import spread_signs
+
+# Representatives at most: a triangulation takes about 50 microseconds for each.
+_MOST = 40_000
+# A tetrahedron and one point more.
+_FEWEST = 5
+
+# Points asked for spacing and noise, and the numbers of neighbors they look at.
+_SAMPLES = 1000
+_LADDER = (8, 16, 32, 64, 128, 256, 512)
+
+# A neighborhood of eight is thick when the points stand off their surface by more
+# than this share of its radius: the poles of a cloud that thick turn at random.
+_THICK = 0.1
+# Wider neighborhoods are wide enough to see the noise when they are this flat.
+_FLAT = 0.22
+
+# Fits reach four times the noise: less leaves bumps that look like sheets, more joins
+# sheets that are apart. Representatives stand a third of the reach apart.
+_REACH = 4.0
+_APART = 0.33
+_ROUNDS = 2
+
+# Points of a clean cloud closer than a quarter of its spacing see each other under any
+# angle: one of them is enough.
+_TWIN = 0.25
+
+# A point is lone when its neighbors are this many times farther than theirs are, and
+# off the surface when its neighbors stand this steeply above or below it.
+_LONE = 4.0
+_STEEP = 0.25
+
+# Neighbors are one smooth surface when the line between them leaves their mean tangent
+# plane, and their normals turn, by less than this.
+_SLOPE = 0.08
+_TURN = 0.94
+# A point is inside a smooth surface when this share of its neighbors is.
+_INSIDE = 0.65
+# Smooth surfaces of this many points speak with one voice, if the votes of their poles
+# differ from zero by this share.
+_MANY = 12
+_FIRM = 0.4
+# Doubt at which a sign no longer spreads from a point to its neighbor.
+_CUT = 0.6
+
+_CHUNK = 100_000
+_FIT_CHUNK = 2048
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Signs of normals, and how sure they are.
+
+    Attributes
+    ----------
+    signs : (n,) int8
+    confidence : (n,) float64
+        0 (a guess) to 1 (all evidence agrees).
+    noise : float
+        Standard deviation of the points about their surface, in object units; 0 where
+        they were taken as they are.
+    open : bool
+        Whether the outside reaches both sides of the surface.
+    piece : (n,) int
+        The connected piece of each point, counted from 0.
+    disagreeing : float
+        Share of the neighbors on one smooth surface that face opposite sides.
+    """
+
+    signs: IntArray
+    confidence: FloatArray
+    noise: float
+    open: bool
+    piece: IntArray
+    disagreeing: float
+
+
+def find_sides(
+    points: FloatArray,
+    normals: FloatArray,
+    *,
+    nearest: NearestNeighbors | None = None,
+    most: int = _MOST,
+    workers: int = -1,
+) -> Sides | None:
+    """Find the signs that turn normals outward.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    normals : (n, 3) float64, unit
+    nearest : NearestNeighbors, optional
+        Of the points, where there is one already.
+    most : int
+        About how many representatives are triangulated at most.
+    workers : int
+        Threads of the searches for neighbors; -1 takes all cores.
+
+    Returns
+    -------
+    Sides, or None where the points have no tetrahedra: too few, or in a plane.
+    """
+    if len(points) < _FEWEST or _is_flat(points):
+        return None
+    nearest = nearest or NearestNeighbors(points)
+    spacing, noise = measure(nearest, normals)
+    if not spacing > 0:
+        return None
+    reach = max(_REACH * noise, 2.5 * spacing)
+    apart = max(_APART * reach, 1.5 * spacing) if noise else _TWIN * spacing
+    if len(points) > most:
+        # Cells this wide are about as many as allowed where the cloud is even.
+        apart = max(apart, 0.9 * spacing * np.sqrt(len(points) / most))
+    chosen = representatives(points, apart, most)
+    place, facing = points[chosen], normals[chosen]
+    if noise:
+        place, facing = smooth(nearest, place, facing, reach, workers=workers)
+    solid, far = _solid(place, facing)
+    if solid.sum() < _FEWEST:
+        return None
+    labels = label_poles(place[solid], facing[solid], far[solid])
+    if labels is None:
+        return None
+    said, clarity = np.ones(len(chosen), dtype=np.int8), np.zeros(len(chosen))
+    said[solid], clarity[solid] = labels.signs, labels.clarity
+    surface = Surface.through(place, facing)
+    signs, sure = mend(surface, said, clarity, trust=0.3 if noise else 1.0)
+    outward = facing * signs[:, None]
+    found, confidence, nearest_one = _vote(
+        nearest, normals, place, outward, sure, noise=noise, workers=workers
+    )
+    if not noise:
+        found[chosen], confidence[chosen] = signs, sure
+    piece = surface.pieces()[nearest_one]
+    return Sides(
+        found, confidence, noise, labels.open, piece, surface.disagreement(signs)
+    )
+
+
+def _is_flat(points):
+    """Whether all points lie in one plane to within rounding."""
+    centered = points - points.mean(axis=0)
+    spread = np.linalg.eigvalsh(centered.T @ (centered / len(points)))
+    return not spread[0] > 1e-14 * spread[2]
+
+
+def measure(nearest: NearestNeighbors, normals: FloatArray) -> tuple[float, float]:
+    """Measure a cloud by a sample of its points.
+
+    Returns
+    -------
+    spacing : float
+        The side of the square that each point has for itself.
+    noise : float
+        Standard deviation of the points along the normals; 0 where it is well below
+        the spacing.
+
+    Notes
+    -----
+    Heights are medians: half of the eight nearest points belong to the same sheet
+    even where another sheet is closer than two spacings.
+    """
+    points, n = nearest.points, len(nearest.points)
+    rows = _sample(points)
+    ladder = [k for k in _LADDER if k <= n // 4] or [min(4, n - 1)]
+    distance, index = _others(nearest, ladder[-1], points[rows])
+    offset = points[index] - points[rows][:, None]
+    height = np.abs(np.einsum("mkc,mc->mk", offset, normals[rows]))
+    first = ladder[0]
+    spacing = float(np.median(distance[:, first - 1])) * np.sqrt(np.pi / first)
+    for k in ladder:
+        # The median of |a - b| is 1/1.05 for normal a and b of deviation one.
+        thick = 1.05 * np.median(height[:, :k], axis=1)
+        far = np.maximum(distance[:, k - 1], 1e-300)
+        if np.median(thick / far) < (_THICK if k == first else _FLAT):
+            break
+    return spacing, 0.0 if k == first else float(np.median(thick))
+
+
+def _sample(points):
+    """Choose about a thousand points by their place alone, (m,) int."""
+    order = np.arange(len(points))
+    if len(points) > _SAMPLES:
+        size = np.abs(points).max()
+        key = np.modf(1e4 * (points @ np.array([1.0, 1.618, 2.414])) / size)[0]
+        order = np.argpartition(np.abs(key), _SAMPLES)[:_SAMPLES]
+    return order[np.lexsort(points[order].T)]
+
+
+def representatives(points: FloatArray, apart: float, most: int) -> IntArray:
+    """Choose points about `apart` from each other, farther if they would be too many.
+
+    Returns
+    -------
+    (m,) int, sorted by place; not more than `most` by much
+    """
+    while True:
+        rows = _one_a_cell(points, apart)
+        if len(rows) <= 1.1 * most:
+            break
+        apart *= max(1.1, np.sqrt(len(rows) / most))
+    rows = rows[np.lexsort(points[rows].T)]
+    # Points of two cells can be as close as they like.
+    pairs = NearestNeighbors(points[rows]).tree.query_pairs(
+        0.5 * apart, output_type="ndarray"
+    )
+    keep = np.ones(len(rows), dtype=bool)
+    keep[pairs.max(axis=1, initial=0)[: len(pairs)]] = False
+    return rows[keep]
+
+
+def _one_a_cell(points, size):
+    """Return the point nearest to the middle of each filled cell of a grid, (m,)."""
+    scaled = (points - points.min(axis=0)) / size
+    cell = np.floor(scaled)
+    width = cell.max(axis=0) + 1
+    if width.prod() > 2.0**53:
+        # Cells so small that hardly two points share one.
+        return np.arange(len(points))
+    off = ((scaled - cell - 0.5) ** 2).sum(axis=1)
+    key = ((cell[:, 0] * width[1] + cell[:, 1]) * width[2] + cell[:, 2]).astype(
+        np.int64
+    )
+    order = np.argsort(key)
+    key = key[order]
+    starts = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
+    least = np.minimum.reduceat(off[order], starts)
+    number = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(key))))
+    best = np.flatnonzero(off[order] == least[number])
+    best, number = order[best], number[best]
+    if len(best) > len(starts):
+        # Equally near ones, as on grids: the first by place, whatever their order.
+        sort = np.lexsort((*points[best].T, number))
+        best, number = best[sort], number[sort]
+        best = best[np.append(True, number[1:] != number[:-1])]
+    return best
+
+
+def smooth(
+    nearest: NearestNeighbors,
+    place: FloatArray,
+    facing: FloatArray,
+    reach: float,
+    *,
+    workers: int = -1,
+) -> tuple[FloatArray, FloatArray]:
+    """Project points onto quadratic fits to the cloud around them.
+
+    Parameters
+    ----------
+    place, facing : (m, 3) float64
+        Points near the cloud, and about their normals.
+    reach : float
+        Radius of the fits in dense parts of the cloud; elsewhere more, for the number
+        of neighbors is the same everywhere.
+
+    Returns
+    -------
+    place, facing : (m, 3) float64
+    """
+    place, facing = place.copy(), facing.copy()
+    tree = nearest.tree
+    some = place[:: max(1, len(place) // 200)]
+    inside = np.median(tree.query_ball_point(some, reach, return_length=True))
+    count = min(int(np.clip(inside, 12, 800)), len(nearest.points))
+    for _ in range(_ROUNDS):
+        for at in range(0, len(place), _FIT_CHUNK):
+            part = slice(at, at + _FIT_CHUNK)
+            distance, index = tree.query(place[part], k=count, workers=workers)
+            place[part], facing[part] = _project(
+                nearest.points[index], distance, place[part], facing[part]
+            )
+    return place, facing
+
+
+def _project(around, distance, place, facing):
+    """Move points (m, 3) along their normals onto fits to (m, k, 3) neighbors."""
+    reach = np.maximum(distance[:, -1:], 1e-300)
+    axes = np.stack([*tangent_axes(facing.T), facing.T])
+    local = np.einsum("mkc,acm->amk", around - place[:, None], axes) / reach
+    x, y, z = local
+    design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    weighted = design * np.exp(-((1.8 * distance / reach) ** 2))[:, None]
+    matrix = weighted @ design.transpose(0, 2, 1)
+    # Keeps fits finite where neighbors leave a term open.
+    matrix[:, range(6), range(6)] += 1e-9 * matrix[:, :1, 0]
+    found = np.linalg.solve(matrix, weighted @ z[..., None])[..., 0]
+    normal = (axes[2] - found[:, 1] * axes[0] - found[:, 2] * axes[1]).T
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return place + np.clip(found[:, :1], -1, 1) * reach * facing, normal
+
+
+def _solid(place, facing):
+    """Find the points that belong to a surface.
+
+    Returns
+    -------
+    solid : (m,) bool
+        False for lone points and for those that stand off the points around.
+    far : (m,) float64
+        The distance to the sixth neighbor.
+    """
+    count = min(8, len(place) - 1)
+    distance, index = _others(NearestNeighbors(place), count, place)
+    far = distance[:, min(6, count) - 1]
+    lone = far > _LONE * np.median(far[index], axis=1)
+    height = np.abs(
+        np.einsum("mkc,mc->mk", place[index] - place[:, None], facing)[:, :6]
+    )
+    slope = np.median(height / np.maximum(distance[:, :6], 1e-300), axis=1)
+    # Where the whole cloud is steep, as coarse samples are, none of it is special.
+    steep = slope > np.clip(6 * np.median(slope), _STEEP, 0.6)
+    return ~(lone | steep), far
+
+
+def _others(nearest, count, points):
+    """Return distances and indices of the nearest beside the first, 2 x (m, count)."""
+    found = nearest.tree.query(points, k=count + 1)
+    distance, index = (np.asarray(a)[:, 1:] for a in found)
+    return distance, index
+
+
+@dataclass(frozen=True)
+class Surface:
+    """How each of m points and its k neighbors lie on one surface, (m, k) each.
+
+    Attributes
+    ----------
+    index : int
+    cosine : float64, between the normals as given
+    slope : float64, of the line between the points over their mean tangent plane
+    """
+
+    index: IntArray
+    cosine: FloatArray
+    slope: FloatArray
+
+    @classmethod
+    def through(cls, place: FloatArray, facing: FloatArray) -> "Surface":
+        """Look at the ten nearest of each point (m, 3) with its normal (m, 3)."""
+        distance, index = _others(
+            NearestNeighbors(place), min(10, len(place) - 1), place
+        )
+        theirs = facing[index]
+        cosine = np.einsum("mkc,mc->mk", theirs, facing)
+        mean = np.where(cosine < 0, -1, 1)[..., None] * theirs + facing[:, None]
+        length = np.sqrt(2 + 2 * np.abs(cosine))
+        height = np.einsum("mkc,mkc->mk", place[index] - place[:, None], mean)
+        slope = np.abs(height) / np.maximum(length * distance, 1e-300)
+        return cls(index, cosine, slope)
+
+    def edges(self, some: BoolArray) -> tuple[IntArray, FloatArray, IntArray]:
+        """Return edges (e, 2), doubts (e,) and signs (e,) of some of the neighbors."""
+        row, column = np.nonzero(some)
+        cosine, slope = self.cosine[row, column], self.slope[row, column]
+        sign = np.where(cosine < 0, -1, 1).astype(np.int8)
+        edges = np.stack([row, self.index[row, column]], axis=1)
+        return edges, np.maximum(1 - np.abs(cosine) + slope, 0), sign
+
+    @property
+    def smooth(self) -> BoolArray:
+        """(m, k) bool, which neighbors are clearly on one surface with the point."""
+        return (self.slope < _SLOPE) & (np.abs(self.cosine) > _TURN)
+
+    def disagreement(self, signs: IntArray) -> float:
+        """Return the share of smooth neighbors that signs turn to opposite sides."""
+        apart = np.sign(self.cosine) * signs[:, None] * signs[self.index] < 0
+        return float((apart & self.smooth).sum() / max(1, self.smooth.sum()))
+
+    def pieces(self) -> IntArray:
+        """Return the connected piece of each point, (m,) int."""
+        edges, doubt, sign = self.edges(np.ones(self.index.shape, dtype=bool))
+        return spread_signs(len(self.index), edges, doubt, sign)[1]
+
+
+def mend(
+    surface: Surface,
+    signs: IntArray,
+    clarity: FloatArray,
+    *,
+    trust: float = 1.0,
+) -> tuple[IntArray, FloatArray]:
+    """Let smooth surface outvote the poles of single points.
+
+    Parameters
+    ----------
+    surface : Surface
+        Of m points.
+    signs : (m,) int8
+    clarity : (m,) float64
+        How clearly the poles said so; 0 where they were not asked.
+    trust : float
+        How far a sign spreads along the surface before a point believes its poles
+        rather than its neighbors.
+
+    Returns
+    -------
+    signs : (m,) int8
+    sure : (m,) float64, 0 to 1
+
+    Notes
+    -----
+    Where sheets cross or touch, inside and outside change places and the poles are
+    right about that; a surface that goes on through the crossing keeps its side. So
+    smooth parts of the surface decide as one, by the sum of the votes of their poles,
+    and signs spread from them to the points between.
+    """
+    common, settled = _parts(surface, signs, clarity)
+    new = _spread(surface, common, settled, clarity, trust)
+    clarity = np.where(new == signs, clarity, 0.1)
+    weight = np.exp(-((surface.slope / 0.12) ** 2)) * surface.cosine**2
+    for _ in range(2):
+        own = new * (0.05 + clarity)
+        heard = (weight * np.sign(surface.cosine) * own[surface.index]).sum(axis=1)
+        value = heard + own
+        new = np.where(value < 0, -1, 1).astype(np.int8)
+    sure = np.abs(value) / (1.05 * (1 + weight.sum(axis=1)))
+    return new, np.clip(sure, 0, 1)
+
+
+def _parts(surface, signs, clarity):
+    """Give each smooth part of the surface one sign.
+
+    Returns
+    -------
+    signs : (m,) int8
+    settled : (m,) bool
+        Whether the point is in such a part.
+    """
+    m = len(signs)
+    smooth_edge = surface.smooth
+    inside = smooth_edge.mean(axis=1) > _INSIDE
+    smooth_edge = smooth_edge & inside[:, None] & inside[surface.index]
+    relative, part = spread_signs(m, *surface.edges(smooth_edge))
+    votes = relative * signs * (0.02 + clarity)
+    net, total = np.bincount(part, votes), np.bincount(part, np.abs(votes))
+    many = np.bincount(part) > _MANY
+    firm = many & (np.abs(net) > _FIRM * total)
+    common = relative * np.where(net < 0, -1, 1)[part]
+    return np.where(firm[part], common, signs).astype(np.int8), many[part]
+
+
+def _spread(surface, signs, settled, clarity, trust):
+    """Spread signs from settled points along the surface, (m,) int8.
+
+    A node beside the points holds their labels: settled points hang on it at no
+    doubt, the others by what their poles said.
+    """
+    m = len(signs)
+    edges, doubt, sign = surface.edges(np.ones(surface.index.shape, dtype=bool))
+    near = doubt < _CUT
+    own = np.where(settled, 0, trust * (1.2 - clarity) + 9 * (clarity == 0))
+    label, _ = spread_signs(
+        m + 1,
+        np.concatenate([edges[near], np.stack([np.arange(m), np.full(m, m)], axis=1)]),
+        np.concatenate([doubt[near], own]),
+        np.concatenate([sign[near], signs]),
+        m,
+    )
+    return label[:m]
+
+
+def _vote(nearest, normals, place, outward, sure, *, noise, workers):
+    """Take signs from the representatives around each point.
+
+    Returns
+    -------
+    signs : (n,) int8
+    confidence : (n,) float64
+    first : (n,) int
+        The nearest representative.
+    """
+    points, order = nearest.points, nearest.order
+    n, count = len(points), min(6, len(place))
+    signs, confidence = np.ones(n, dtype=np.int8), np.zeros(n)
+    first = np.empty(n, dtype=np.int64)
+    tree = NearestNeighbors(place).tree
+    for at in range(0, n, _CHUNK):
+        # Points that are near each other ask the same leaves of the tree.
+        part = order[at : at + _CHUNK]
+        found = tree.query(points[part], k=count, workers=workers)
+        distance, index = (np.asarray(a) for a in found)
+        first[part] = index[:, 0]
+        far = np.maximum(distance[:, -1:], 1e-300)
+        facing = outward[index]
+        offset = points[part][:, None] - place[index]
+        height = np.einsum("mkc,mkc->mk", offset, facing) / (0.35 * far + 2 * noise)
+        weight = np.exp(-(height**2) - (distance / far) ** 2)
+        total = np.maximum(weight.sum(axis=1), 1e-300)
+        weight *= 0.05 + sure[index]
+        net = (weight * np.einsum("mkc,mc->mk", facing, normals[part])).sum(axis=1)
+        signs[part] = np.where(net < 0, -1, 1)
+        confidence[part] = np.minimum(np.abs(net) / total, 1)
+    return signs, confidence, first
