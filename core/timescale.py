@@ -204,11 +204,11 @@ class TimeScale:
 
     def mu(self, t: ArrayLike) -> FloatArray | float:
         """Return the forward graininess sigma(t) - t."""
-        return self.sigma(t) - np.asarray(t, dtype=np.float64)[()]
+        return _like(t, np.subtract(self.sigma(t), t))
 
     def nu(self, t: ArrayLike) -> FloatArray | float:
         """Return the backward graininess t - rho(t)."""
-        return np.asarray(t, dtype=np.float64)[()] - self.rho(t)
+        return _like(t, np.subtract(t, self.rho(t)))
 
     def is_right_scattered(self, t: ArrayLike) -> BoolArray | bool:
         """Return whether sigma(t) > t."""
