@@ -51,7 +51,7 @@ def test_normal_equations_are_weighted_least_squares(terms):
         root = np.sqrt(weights[:, i])
         design = np.stack([x[:, i] ** p * y[:, i] ** q for p, q in terms], axis=1)
         expected, (square,), _, _ = np.linalg.lstsq(
-            design * root[:, None], z[:, i] * root
+            design * root[:, None], z[:, i] * root, rcond=None
         )
         # The ridge, 1e-10, times the condition of the Gram matrices, some 1e4.
         np.testing.assert_allclose(found[:, i], expected, atol=1e-4)
