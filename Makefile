@@ -17,7 +17,7 @@ CORE := .venv/core/bin/python
 BLENDER_TESTS := -P -m pytest -o pythonpath= tests/blender
 
 .DEFAULT_GOAL := help
-.PHONY: help environment core-environment demo reproduce test test-core test-blender lint zip clean
+.PHONY: help environment core-environment demo reproduce test test-core test-blender lint zip clean test-app docs
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 24
@@ -40,6 +40,13 @@ test-blender: environment $(ZIP) ## the built and installed zip in every Blender
 		TIMESCALE_ZIP=$(abspath $(ZIP)) $$venv/bin/python $(BLENDER_TESTS) \
 			|| failed="$$failed $$venv"; \
 	done; test -z "$$failed" || { echo "failed in:$$failed"; exit 1; }
+
+test-app: environment $(ZIP) ## the real program in a window; CHROOT=folder of tests/app/chroot.sh
+	TIMESCALE_ZIP=$(abspath $(ZIP)) TIMESCALE_CHROOT=$(or $(CHROOT),/) \
+		$(CORE) -P -m pytest -o pythonpath= tests/app
+
+docs: environment $(ZIP) ## the pictures of docs/guide.md, in the real program; CHROOT as above
+	TIMESCALE_CHROOT=$(or $(CHROOT),/) $(CORE) docs/guide.py --zip $(ZIP)
 
 # Types are checked under the name of the package, whatever the checkout is called.
 lint: core-environment ## ruff and mypy

@@ -95,12 +95,15 @@ def lines_of(obj: Object, *, share: float, length: float, baseline: bool) -> Lin
     # The same points every time: lines must not jump when a setting changes.
     rows = np.random.default_rng(0).permutation(len(points))[:count]
     size = length * spacing(points, count)
-    starts, ends = points[rows], {}
+    starts, ends, side = points[rows], {}, None
     for name in ("ts_normal", "delaunay_normal"):
         if name == "ts_normal" or (baseline and bridge.has_attribute(obj, name)):
             normals = bridge.read_attribute(obj, name, "FLOAT_VECTOR")[rows]
             # Normals go to the world by the inverse transpose.
             normals = unit(normals @ np.linalg.inv(matrix[:3, :3]))
+            # A triangulation of points alone knows no outside.
+            side = normals if side is None else side
+            normals[(normals * side).sum(axis=1) < 0] *= -1
             there = (normals != 0).any(axis=1)
             pairs = np.stack([starts, starts + size * normals], axis=1)[there]
             ends[name] = pairs.reshape(-1, 3).astype(np.float32)
@@ -139,7 +142,7 @@ def _ticks(
         return f"Delaunay {lost}", "", f"Estimate {won}"
     if measure == "log_ratio":
         factor = f"{10**high:,.3g}x"
-        return f"Delaunay {factor} nearer", "equal", f"Estimate {factor} nearer"
+        return f"Delaunay {factor}", "equal", f"Estimate {factor}"
     return f"{low:.3g}", f"{(low + high) / 2:.3g}", f"{high:.3g}"
 
 

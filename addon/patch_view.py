@@ -115,7 +115,7 @@ def show(context: Context, view: View, name: str) -> list[Object]:
         "Time-Scale Grid": bridge.new_lines(
             [*grid, *grid.swapaxes(0, 1)], _THIN * view.reach
         ),
-        "Neighbors": bridge.new_dots(view.neighbors, 2 * _DOT * view.reach),
+        "Neighbors": bridge.new_dots(view.neighbors, 1.5 * _DOT * view.reach),
         "Jump Points": bridge.new_dots(view.jumps, _DOT * view.reach),
         "Tangents": bridge.new_lines(
             [np.array([np.zeros(3), end]) for end in view.tangents],

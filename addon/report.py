@@ -107,7 +107,8 @@ class TIMESCALE_OT_export_report(_OnResults, ExportHelper):
 
     def execute(self, context: Context) -> Returned:
         """Write it, whole or not at all."""
-        path = Path(bpy.path.abspath(self.filepath))
+        options: Any = self
+        path = Path(bpy.path.abspath(options.filepath))
         part = path.with_name(path.name + ".part")
         try:
             part.write_text(as_text(rows_of(context), self.kind), "utf-8")

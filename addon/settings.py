@@ -69,7 +69,7 @@ _MEASURES = {
     "error_baseline": ("Error of Delaunay", "Distance to the true normal"),
     "deviation": ("Difference", "Distance of the two normals to each other"),
     "log_ratio": (
-        "Ratio",
+        "Times Nearer",
         "Powers of ten between the two errors, neutral where they are equal",
     ),
     "wins": ("Winners", "Where the estimate is nearer to the true normal"),

@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-TOOLS = ("blender", "Xvfb", "xdotool", "import")
+TOOLS = ("blender", "Xvfb", "xdotool", "import", "convert")
 SIZE = (1400, 900)
 # Software OpenGL and two cores: a slow start is none.
 PATIENCE = 60
@@ -193,13 +193,18 @@ class Window:
         """Click the button of an operator."""
         self.click(*self.find_button(operator))
 
-    def picture(self, path: Path) -> Path:
-        """Take a picture of the whole display, without a tooltip in the way."""
+    def picture(self, path: Path, options: str = "") -> Path:
+        """Take a picture of the display, without a tooltip in the way.
+
+        The options are those of ImageMagick's convert.
+        """
         x, y = self.center()
         self.move(x, y / 2)
         self.ask("for a in window.screen.areas: a.tag_redraw()")
         time.sleep(1.0)
-        self._run(f"import -window root {self.inside}/shot.png")
+        self._run(
+            f"import -window root shot.png && convert shot.png {options} shot.png"
+        )
         path.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(self.folder / "shot.png", path)
         return path

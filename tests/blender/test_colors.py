@@ -243,6 +243,15 @@ def test_lines_stand_on_the_points_along_the_normals_in_the_world():
     np.testing.assert_allclose(lengths, lengths[0], rtol=1e-4)
 
 
+def test_lines_of_both_methods_are_on_one_side():
+    obj = scenes.new_cloud(scenes.ball())
+    compare()
+    lines = overlay.lines_of(obj, share=1, length=1, baseline=True)
+    for ends in (lines.estimate, lines.baseline):
+        outward = ((ends[1::2] - ends[::2]) * ends[::2]).sum(axis=1)
+        assert (outward > 0).all()
+
+
 def test_many_points_get_a_bounded_number_of_lines():
     obj = scenes.new_cloud(scenes.ball(80_000))
     bpy.ops.timescale.estimate_normals(method="time_scale", orientation="none")
