@@ -34,7 +34,16 @@ _DIVERGING = (
 _WINNERS = ((176, 176, 172), (12, 123, 131))
 _NOT_COMPARED = (110, 110, 110)
 
-MEASURES = ("error_estimate", "error_baseline", "deviation", "log_ratio", "wins")
+MEASURES = (
+    "error_estimate",
+    "error_baseline",
+    "deviation",
+    "angle_estimate",
+    "angle_baseline",
+    "angle_deviation",
+    "log_ratio",
+    "wins",
+)
 
 
 @dataclass(frozen=True)
@@ -147,8 +156,7 @@ class Comparison:
 
         Parameters
         ----------
-        measure : "error_estimate" | "error_baseline" | "deviation" | "log_ratio" |
-                  "wins"
+        measure : one of MEASURES
         limit : float, optional
             The value at the end of the map; see `limits`.
 

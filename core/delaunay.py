@@ -19,7 +19,8 @@ from .patch import principal_axes
 # points in all but a few of a thousand cases.
 _CANDIDATES = 24
 
-_CHUNK = 8192
+# Points at a time: arrays of 24 rows, in the cache.
+_CHUNK = 2048
 
 
 def delaunay_normals(
@@ -82,81 +83,81 @@ def _star_normals(points):
     for start in range(0, len(points), _CHUNK):
         rows = nearest.order[start : start + _CHUNK]
         index, distance = nearest.neighbors(rows, count)
-        offsets = np.moveaxis(points[index] - points[rows][:, None], -1, 0)
-        reach = distance[:, -1]
-        scale = np.where(reach > 0, reach, 1)
-        result[rows] = _star_normal(offsets / scale[:, None])
+        reach = np.where(distance[:, -1] > 0, distance[:, -1], 1)
+        offsets = np.stack([(a[index.T] - a[rows]) / reach for a in points.T])
+        result[rows] = _star_normal(offsets)
     return result
 
 
 def _star_normal(offsets):
-    """Return N_D at the origin of each star, (m, 3), from (3, m, k) candidates."""
+    """Return N_D at the origin of each star, (m, 3), from (3, k, m) candidates."""
     offsets = _without_twins(offsets)
-    there = (offsets != 0).any(axis=0)
-    u, v, _, spans = principal_axes(offsets.swapaxes(1, 2), there.sum(axis=1))
-    x = np.einsum("im,imk->mk", u, offsets)
-    y = np.einsum("im,imk->mk", v, offsets)
-    order = np.argsort(np.arctan2(y, x), axis=1, kind="stable")
-    x, y, there = (np.take_along_axis(a, order, axis=1) for a in (x, y, there))
-    alive = _star(x, y, there)
-    _, after = _neighbors_alive(alive)
-    # A gap of half a turn or more is a border: no triangle closes it.
-    gap = x * np.take_along_axis(y, after, 1) - y * np.take_along_axis(x, after, 1)
-    fan = np.take_along_axis(offsets, order[None], axis=2)
-    cross = np.cross(fan, np.take_along_axis(fan, after[None], axis=2), axis=0)
-    total = np.where(alive & (gap > 0), cross, 0).sum(axis=2)
+    count = np.count_nonzero((offsets != 0).any(axis=0), axis=0)
+    u, v, _, spans = principal_axes(offsets, count)
+    # Single precision is enough to tell who is next: its rounding only decides
+    # between triangles that are equally good.
+    x, y = (
+        np.einsum("im,ikm->km", axis, offsets).astype(np.float32) for axis in (u, v)
+    )
+    total = np.zeros(u.shape)
+    for rows, a, b in _star(x, y):
+        total[:, rows] += np.cross(offsets[:, a, rows], offsets[:, b, rows], axis=0)
     return np.where(spans[:, None], unit(total.T), 0)
 
 
 def _without_twins(offsets):
     """Zero the candidates that share their place with a nearer one."""
-    same = (offsets[:, :, 1:] == offsets[:, :, :-1]).all(axis=0)
-    offsets = offsets.copy()
-    offsets[:, :, 1:][:, same] = 0
+    same = (offsets[:, 1:] == offsets[:, :-1]).all(axis=0)
+    offsets[:, 1:][:, same] = 0
     return offsets
 
 
-def _star(x, y, there):
-    """Find the Delaunay neighbors of the origin among points of the plane.
+def _star(x, y):
+    """Walk around the Delaunay stars of the origin among points of the plane.
 
-    Inversion takes the circles through the origin to lines: the Delaunay neighbors
-    become the vertices of the convex hull of the inverted points and the origin.
-    Sorted by angle these points are a star-shaped polygon. A vertex that is reflex
-    between its present neighbors lies in the hull of the others, so all such
-    vertices can be struck out at once; when none is left, the hull is.
+    The nearest point is a Delaunay neighbor. From one neighbor the next to the left
+    is the point that sees the edge from the origin to it under the largest angle:
+    the circle through the three is empty. A walk that finds nobody to its left has
+    come to a border; it goes on from its first point the other way around.
 
     Parameters
     ----------
-    x, y : (m, k) float, each row by increasing angle
-    there : (m, k) bool
+    x, y : (k, m) float
+        Points at the origin itself are not there.
 
-    Returns
-    -------
-    (m, k) bool
+    Yields
+    ------
+    rows : (r,) int
+        Stars that have one more triangle.
+    a, b : (r,) int
+        Its other corners, counterclockwise.
     """
     square = x * x + y * y
-    alive = there & (square > 0)
-    square = np.where(alive, square, 1)
-    p, q = x / square, y / square
-    while True:
-        before, after = _neighbors_alive(alive)
-        ax, ay = (np.take_along_axis(c, before, axis=1) for c in (p, q))
-        bx, by = (np.take_along_axis(c, after, axis=1) for c in (p, q))
-        turn = (p - ax) * (by - q) - (q - ay) * (bx - p)
-        # Beside a gap of half a turn or more the hull goes on to the origin.
-        beside_gap = (ax * q - ay * p <= 0) | (p * by - q * bx <= 0)
-        struck = alive & (turn <= 0) & ~beside_gap
-        if not struck.any():
-            return alive
-        alive &= ~struck
+    first = np.where(square > 0, square, np.inf).argmin(axis=0)
+    border = yield from _walk(x, y, square, np.arange(len(first)), first)
+    x, y, square, first = (a[..., border] for a in (x, y, square, first))
+    for rows, a, b in _walk(x, -y, square, border, first):
+        yield rows, b, a
 
 
-def _neighbors_alive(alive):
-    """Return, around each row's circle, who is alive before and after, 2 x (m, k)."""
-    k = alive.shape[1]
-    twice = np.concatenate([alive, alive], axis=1)
-    place = np.where(twice, np.arange(2 * k), -1)
-    before = np.maximum.accumulate(place, axis=1)[:, k - 1 : 2 * k - 1] % k
-    place = np.where(twice, np.arange(2 * k), 2 * k)
-    after = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1][:, 1 : k + 1] % k
-    return before, after
+def _walk(x, y, square, rows, first):
+    """Walk counterclockwise from `first`; return the rows that come to a border."""
+    border = [rows[:0]]
+    here = first
+    for _ in range(len(x)):
+        column = np.arange(len(rows))
+        ax, ay = x[here, column], y[here, column]
+        cross = ax * y - ay * x
+        left = cross > 0
+        # The cotangent of the angle under which a point sees the edge.
+        cotangent = (square - ax * x - ay * y) / np.where(left, cross, 1)
+        after = np.where(left, cotangent, np.inf).argmin(axis=0)
+        on = left[after, column]
+        yield rows[on], here[on], after[on]
+        border.append(rows[~on])
+        on &= after != first
+        if not on.any():
+            break
+        x, y, square = x[:, on], y[:, on], square[:, on]
+        rows, first, here = rows[on], first[on], after[on]
+    return np.concatenate(border)

@@ -257,6 +257,7 @@ def _estimate(points, faces, settings, report):
         normals, separated = _with_sheets(source, fitted)
     if faces is not None:
         normals, valid, from_faces = _with_faces(points, faces, fitted, settings)
+    report(_FITTED)
     orientation = find_orientation(
         points,
         normals,

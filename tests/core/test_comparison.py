@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from core import InputError, compare_normals
+from core.comparison import MEASURES
 
 X, Y, Z = np.eye(3)
 TILTED = np.array([0.6, 0, 0.8])
@@ -70,6 +71,19 @@ def test_colors_are_linear_and_ordered():
     assert ((colors >= 0) & (colors <= 1)).all()
     brightness = colors[:, :3] @ [0.2126, 0.7152, 0.0722]
     assert (np.diff(brightness) > 0).all()
+
+
+def test_every_measure_has_colors_and_limits():
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(3, 40, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    result = compare_normals(normals[0], normals[1], truth=normals[2])
+    for measure in MEASURES:
+        low, high = result.limits(measure)
+        assert low < high
+        assert np.isfinite(result.colors(measure)).all()
+        counts, _ = result.histogram(measure)
+        assert counts.sum() == 40
 
 
 def test_log_ratio_is_neutral_where_errors_are_equal():
