@@ -252,8 +252,8 @@ class TimeScale:
     def delta(
         self,
         values: ArrayLike | Callable,
-        t: ArrayLike | None = None,
         *,
+        t: ArrayLike | None = None,
         axis: int = 0,
     ) -> FloatArray:
         """Return the delta derivative, (f(sigma) - f) / mu or its limit.
@@ -277,8 +277,8 @@ class TimeScale:
     def nabla(
         self,
         values: ArrayLike | Callable,
-        t: ArrayLike | None = None,
         *,
+        t: ArrayLike | None = None,
         axis: int = 0,
     ) -> FloatArray:
         """Return the nabla derivative, (f - f(rho)) / nu or its limit.
@@ -290,16 +290,16 @@ class TimeScale:
     def diamond(
         self,
         values: ArrayLike | Callable,
-        t: ArrayLike | None = None,
-        *,
         weights: str = "paper",
+        *,
+        t: ArrayLike | None = None,
         axis: int = 0,
     ) -> FloatArray:
         """Return the symmetric derivative gamma delta + (1 - gamma) nabla.
 
         Parameters
         ----------
-        values, t
+        values, t, axis
             As for `delta`.
         weights : "paper" | "second_order"
             See `gamma`.
@@ -315,7 +315,7 @@ class TimeScale:
         """
         if not callable(values):
             values = _first(values, axis)
-        delta, nabla = self.delta(values, t), self.nabla(values, t)
+        delta, nabla = self.delta(values, t=t), self.nabla(values, t=t)
         at = self._default_members(values, t)
         gamma = np.asarray(self.gamma(at, weights=weights))
         gamma = gamma.reshape(gamma.shape + (1,) * (np.ndim(delta) - gamma.ndim))

@@ -103,13 +103,13 @@ def test_dense_points_differentiate_by_a_limit():
     for function, derivative in ((np.sin, np.cos), (np.exp, np.exp)):
         # Extrapolation from ten halvings reaches the cube root of rounding or
         # better; one-sided quotients lose two more digits.
-        delta, nabla = MIXED.delta(function, t), MIXED.nabla(function, t)
+        delta, nabla = MIXED.delta(function, t=t), MIXED.nabla(function, t=t)
         right = MIXED.is_right_dense(t)
         left = MIXED.is_left_dense(t)
         np.testing.assert_allclose(delta[right], derivative(t[right]), rtol=1e-8)
         np.testing.assert_allclose(nabla[left], derivative(t[left]), rtol=1e-8)
     # 1 is right-scattered: delta is the quotient of the gap.
-    assert MIXED.delta(np.sin, 1.0) == pytest.approx(np.sin(2) - np.sin(1))
+    assert MIXED.delta(np.sin, t=1.0) == pytest.approx(np.sin(2) - np.sin(1))
 
 
 def test_interval_is_ordinary_calculus():
@@ -118,7 +118,7 @@ def test_interval_is_ordinary_calculus():
     expected = 3 * t**2
     for derivative in (line.delta, line.nabla, line.diamond):
         np.testing.assert_allclose(
-            derivative(lambda x: x**3, t), expected, rtol=1e-8, atol=1e-9
+            derivative(lambda x: x**3, t=t), expected, rtol=1e-8, atol=1e-9
         )
 
 
