@@ -34,7 +34,7 @@ _NOISY, _ALIKE = 0.15, 0.2
 _WIDER = {"neighbors": 30, "patch": "biquadratic"}
 
 # Of a mesh's patch, see `_with_faces`.
-_WELL_FITTED, _WIDE_FAN = 0.1, 0.5
+_WELL_FITTED, _WIDE_FAN, _BESIDE = 0.1, 0.5, 2.0
 
 # Share of the progress that is the estimate's; the rest is the orientation's.
 _FITTED = 0.8
@@ -359,9 +359,10 @@ def _with_faces(points, faces, fitted, settings):
 
     Vertices without a valid patch take the mean of their faces' normals, weighted by
     angle. Method "auto" also takes it where the patch is not clearly better founded:
-    where it misses the vertices by more than a tenth of what the faces turn, or the
-    faces turn by more than half a right angle or so, as at creases and on coarse
-    meshes. Under noise the faces are no guide, and patches stand.
+    where it misses the vertices by more than a tenth of what the faces turn, or leaves
+    them by more than twice as much, as between a few rows of vertices that leave it
+    room, or where the faces turn by more than half a radian, as at creases and on
+    coarse meshes. Under noise the faces are no guide, and patches stand.
     """
     guide = vertex_normals(points, faces, weights="angle")
     has_face = (guide != 0).any(axis=1)
@@ -369,6 +370,8 @@ def _with_faces(points, faces, fitted, settings):
     if settings.method == "auto" and not _is_noisy(points, faces, fitted):
         width = fan_width(points, faces, guide)
         doubtful |= (fitted.misfit > _WELL_FITTED * width) | (width > _WIDE_FAN)
+        away = np.linalg.norm(np.cross(fitted.normals, guide), axis=1)
+        doubtful |= away > _BESIDE * width
     replaced = doubtful & has_face
     normals = np.where(replaced[:, None], guide, fitted.normals)
     return normals, fitted.valid | replaced, int(replaced.sum())

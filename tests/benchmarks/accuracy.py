@@ -5,9 +5,9 @@
     python tests/benchmarks/accuracy.py CLOUD.npz [CLOUD.npz ...]
 
 Each file holds `points` and `normals` (n, 3). The conditions (Guerrero et al. 2018) are
-Gaussian noise of 0, 0.125, 0.6 and 1.2 per cent of the diagonal of the bounding box, and
-two uneven densities; the truth is the normal of the point before noise. Prints the root
-mean square angle in degrees of each method, as a table for docs/accuracy.md.
+Gaussian noise of 0, 0.125, 0.6 and 1.2 per cent of the diagonal of the bounding box,
+and two uneven densities; the truth is the normal of the point before noise. Prints the
+root mean square angle in degrees of each method, as a table for docs/accuracy.md.
 """
 
 import argparse

@@ -228,6 +228,29 @@ def test_a_mesh_is_not_made_worse(n):
     assert found <= 1.02 * rms(angles(faces_alone, truth))
 
 
+@pytest.mark.parametrize("rows", [2, 3, 5])
+@pytest.mark.parametrize("sides", [8, 24, 256])
+def test_a_tube_of_few_rows_keeps_its_normals(rows, sides):
+    """Between two circles a patch has room to turn out of the faces."""
+    turn = np.arange(sides) * 2 * np.pi / sides
+    circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(sides)], axis=1)
+    points = np.concatenate([circle + [0, 0, z] for z in np.linspace(-1, 1, rows)])
+    i = np.arange(sides)
+    j = (i + 1) % sides
+    band = np.concatenate(
+        [
+            np.stack([i, j, j + sides], axis=1),
+            np.stack([i, j + sides, i + sides], axis=1),
+        ]
+    )
+    faces = np.concatenate([band + sides * row for row in range(rows - 1)])
+    found = estimate_normals(points, faces=faces)
+    # By symmetry the faces' mean is exact but for their diagonals, at the rims a
+    # third of the angle between two sides.
+    bound = 360 / sides / 3 + 0.01
+    assert angles(found, points * [1, 1, 0]).max() < bound
+
+
 def test_a_fine_mesh_is_made_better():
     points, truth, faces = bumpy_mesh(8000, 0)
     found = rms(angles(estimate_normals(points, faces=faces), truth))
