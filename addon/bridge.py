@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The one door to Blender's memory: objects to arrays, arrays to attributes.
 
+Behind it are `arrays`, the hinge, and `custom_normals`, which nobody else uses.
+
 Results are attributes under the names in RESULTS and, on meshes with faces, custom
 normals. What was there under these names before is kept on the data itself, renamed,
 and comes back with `clear_results`: renaming is exact for every type, and backups that
@@ -9,9 +11,9 @@ are attributes follow edits, copies, files and undo as the data does.
 
 import json
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar, cast
 
@@ -19,55 +21,49 @@ import bmesh
 import bpy
 import numpy as np
 from bpy.types import Context, Mesh, Object, PointCloud
+from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
-from ..core import InputError
 from ..core.faces import unit
 from ..core.inputs import as_normals
+from . import arrays, custom_normals
+from .arrays import (
+    BACKUP,
+    CUSTOM_NORMAL,
+    KINDS,
+    Array,
+    Data,
+    Kind,
+    ObjectError,
+)
 
 TYPES = {"MESH": "mesh", "POINTCLOUD": "point cloud"}
 
-
-@dataclass(frozen=True)
-class Kind:
-    """How foreach_get and foreach_set want the values of an attribute type."""
-
-    field: str
-    dtype: type
-    width: int
-
-
-# Other dtypes than these are ten times slower or refused.
-KINDS = {
-    "FLOAT": Kind("value", np.float32, 1),
-    "FLOAT_VECTOR": Kind("vector", np.float32, 3),
-    "FLOAT_COLOR": Kind("color", np.float32, 4),
-    "BOOLEAN": Kind("value", np.bool_, 1),
-    "INT": Kind("value", np.int32, 1),
-    "INT16_2D": Kind("value", np.int16, 2),
-}
 
 # What the operators leave, one value a point.
 RESULTS = {
     "ts_normal": "FLOAT_VECTOR",
     "ts_valid": "BOOLEAN",
+    "ts_side_confidence": "FLOAT",
     "delaunay_normal": "FLOAT_VECTOR",
     "ts_error": "FLOAT",
     "delaunay_error": "FLOAT",
+    "ts_angle": "FLOAT",
+    "delaunay_angle": "FLOAT",
     "ts_error_color": "FLOAT_COLOR",
+    "delaunay_error_color": "FLOAT_COLOR",
 }
 COLOR = "ts_error_color"
-# Blender takes an attribute of this name for the normals of a mesh: INT16_2D in the
-# tangent space of each corner, or FLOAT_VECTOR ("free").
-CUSTOM_NORMAL = "custom_normal"
-
+# Colors of the baseline, while both are shown side by side.
+COLOR_BESIDE = "delaunay_error_color"
 # The modifier that shows the colors, which is ours and shapes nothing.
 DRESS = "Time-Scale Colors"
 
-# The leading dot hides an attribute from menus and exporters. The number of each
-# point marks data as ours, and shows whether points came or went since.
+# The number of each point marks data as ours, and shows whether points came or went
+# since. The leading dot hides an attribute from menus and exporters.
 _MARK = ".timescale_points"
-_BACKUP = ".timescale_backup."
+# Marks objects that were put beside others.
+_BESIDE = "timescale_beside"
 
 # Modifiers that move points after the normals are set.
 _DEFORMERS = frozenset(
@@ -95,17 +91,7 @@ _DEFORMERS = frozenset(
     }
 )
 
-Data = Mesh | PointCloud
-Array = np.ndarray
 Item = TypeVar("Item")
-
-
-class ObjectError(InputError):
-    """An object that cannot be read or written as it is; the text names the remedy."""
-
-
-class AttributeMismatchError(InputError):
-    """An attribute that is missing or of another type, domain or size."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +125,23 @@ class Geometry:
     def to_world(self, normals: Array) -> Array:
         """Turn (n, 3) normals of the object into unit normals of the world."""
         return unit(normals @ np.linalg.inv(self.matrix))
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Normals of a mesh that edges part.
+
+    Attributes
+    ----------
+    normals, valid : (c, 3) float64, (c,) bool
+        Of the corners of faces.
+    edges : (e,) bool
+        Which edges part the mesh.
+    """
+
+    normals: Array
+    valid: Array
+    edges: Array
 
 
 @dataclass(frozen=True)
@@ -202,7 +205,7 @@ def fingerprint(obj: Object) -> tuple[int, ...]:
     count = data.attributes.domain_size("POINT")
     if not count:
         return (0,)
-    faces = 0 if is_cloud(obj) else zlib.crc32(_corner_vertices(data).tobytes())
+    faces = 0 if is_cloud(obj) else zlib.crc32(arrays.corner_vertices(data).tobytes())
     return count, zlib.crc32(read_points(obj).tobytes()), faces
 
 
@@ -334,8 +337,10 @@ def read_geometry(obj: Object, *, evaluated: bool = False) -> Geometry:
                 f"its modifiers make {found:,} points of {count:,}; "
                 f"apply them first or turn After Modifiers off"
             )
-        points = _read(data, "position", "FLOAT_VECTOR").astype(np.float64)
-        faces = None if is_cloud(obj) else _triangles(data)
+        points = arrays.read(data, "position", "FLOAT_VECTOR").astype(np.float64)
+        faces = None
+        if not is_cloud(obj):
+            faces = arrays.corner_vertices(data)[arrays.triangles(data)]
     matrix = np.array(obj.matrix_world)
     axes = matrix[:3, :3]
     side = np.sign(np.linalg.det(axes))
@@ -348,6 +353,28 @@ def read_geometry(obj: Object, *, evaluated: bool = False) -> Geometry:
         # Mirrored, the triangles wind the other way around.
         faces = faces[:, ::-1]
     return Geometry(points, faces, axes)
+
+
+def read_fans(
+    obj: Object, split: Collection[str], *, evaluated: bool = False
+) -> custom_normals.Fans | None:
+    """Return how an object's faces fall apart at marked edges; None where they do not.
+
+    Parameters
+    ----------
+    split : some of "sharp", "seams", "materials"
+    evaluated : bool
+        Take the marks after modifiers, where these keep the corners.
+    """
+    if is_cloud(obj):
+        return None
+    kept = arrays.corner_vertices(_data(obj))
+    with _shape_of(obj, evaluated) as shown:
+        same = np.array_equal(arrays.corner_vertices(shown), kept)
+        fans = custom_normals.read_fans(shown if same else _data(obj), split)
+    if fans is not None and np.linalg.det(np.array(obj.matrix_world)[:3, :3]) < 0:
+        fans = replace(fans, faces=fans.faces[:, ::-1])
+    return fans
 
 
 def read_surface(obj: Object) -> Surface:
@@ -364,10 +391,10 @@ def read_surface(obj: Object) -> Surface:
         if not mesh.polygons:
             raise ObjectError(f'"{obj.name}" has no faces to take true normals from')
         mesh.calc_loop_triangles()
-        points = _read(mesh, "position", "FLOAT_VECTOR").astype(np.float64)
-        triangles = _get(mesh.loop_triangles, Kind("vertices", np.int32, 3))
-        loops = _get(mesh.loop_triangles, Kind("loops", np.int32, 3))
-        normals = _corner_normals(mesh)[loops].astype(np.float64)
+        points = arrays.read(mesh, "position", "FLOAT_VECTOR").astype(np.float64)
+        triangles = arrays.get(mesh.loop_triangles, Kind("vertices", np.int32, 3))
+        loops = arrays.get(mesh.loop_triangles, Kind("loops", np.int32, 3))
+        normals = arrays.corner_normals(mesh)[loops].astype(np.float64)
     matrix = np.array(obj.matrix_world)
     points = points @ matrix[:3, :3].T
     center = points.mean(axis=0)
@@ -401,7 +428,7 @@ def read_weight(obj: Object, region: str, vertex_group: str) -> Array:
         # Blender leaves the attribute out where nothing is selected.
         if ".select_vert" not in mesh.attributes:
             raise ObjectError("none of its vertices is selected")
-        return _read(mesh, ".select_vert", "BOOLEAN").astype(np.float64)
+        return arrays.read(mesh, ".select_vert", "BOOLEAN").astype(np.float64)
     if vertex_group not in obj.vertex_groups:
         raise ObjectError(f'it has no vertex group "{vertex_group}"')
     number = obj.vertex_groups[vertex_group].index
@@ -422,7 +449,7 @@ def read_attribute(obj: Object, name: str, kind: str) -> Array:
     AttributeMismatchError
         When there is none of this name, type and domain.
     """
-    return _read(_data(obj), name, kind)
+    return arrays.read(_data(obj), name, kind)
 
 
 def read_normals(obj: Object, name: str) -> Array:
@@ -487,6 +514,7 @@ def write_estimate(
     *,
     storage: str,
     weight: Array | None = None,
+    corners: Corners | None = None,
 ) -> None:
     """Write normals (n, 3) and valid (n,) of an object in place of earlier results.
 
@@ -500,6 +528,8 @@ def write_estimate(
     weight : (n,) float, optional
         Share of the new normals in the custom ones, 0 to 1; the rest are those that
         were there before any run.
+    corners : Corners, optional
+        Custom normals where edges part the mesh.
     """
     # Earlier results are not what an invalid vertex should keep.
     clear_results(obj)
@@ -508,12 +538,12 @@ def write_estimate(
         _claim(data)
     else:
         if storage == "auto":
-            mixed = weight is not None and _has_free_normals(data)
+            mixed = weight is not None and custom_normals.has_free(data)
             storage = "tangent_space" if _deforms(obj) and not mixed else "free"
-        if weight is None:
-            _write_custom_normals(data, normals, valid, storage)
+        if weight is None and corners is None:
+            _write_of_vertices(data, normals, valid, storage)
         else:
-            _blend_custom_normals(data, normals, valid * weight, storage)
+            _write_of_corners(data, normals, valid, storage, weight, corners)
     write_results(obj, {"ts_normal": normals, "ts_valid": valid})
 
 
@@ -521,9 +551,9 @@ def write_results(obj: Object, results: Mapping[str, Array | None]) -> None:
     """Write arrays under names in RESULTS; None removes what is there."""
     data = _data(obj)
     for name, values in results.items():
-        _remove(data, name)
+        arrays.remove(data, name)
         if values is not None:
-            _write(data, name, RESULTS[name], values)
+            arrays.write(data, name, RESULTS[name], values)
     if COLOR in results and isinstance(data, Mesh):
         data.attributes.active_color_name = COLOR
     _changed(data)
@@ -548,17 +578,66 @@ def clear_results(obj: Object) -> bool | None:
     if not _is_ours(data):
         return None
     edited = _is_edited(data)
-    colors = _colors_before(data) if isinstance(data, Mesh) else {}
-    _remove(data, _MARK)
+    colors = {}
+    if isinstance(data, Mesh):
+        colors = _colors_before(data)
+        custom_normals.soften(data)
+    arrays.remove(data, _MARK)
     for name in (*RESULTS, CUSTOM_NORMAL):
-        _remove(data, name)
-        if _BACKUP + name in data.attributes:
-            data.attributes[_BACKUP + name].name = name
+        arrays.remove(data, name)
+        if BACKUP + name in data.attributes:
+            data.attributes[BACKUP + name].name = name
     for use, before in colors.items():
         setattr(data.attributes, use, before if before in data.attributes else "")
     data.property_unset("timescale_normals")
     _changed(data)
     return edited
+
+
+# Beside each other
+
+
+def object_beside(obj: Object) -> Object | None:
+    """Return the copy of an object that shows its baseline; None where none is."""
+    for other in bpy.data.objects:
+        if other.type == obj.type and other.data == obj.data and is_beside(other):
+            return other
+    return None
+
+
+def is_beside(obj: Object) -> bool:
+    """Whether an object is such a copy."""
+    return _BESIDE in obj.keys()
+
+
+def add_beside(obj: Object, step: Array) -> Object:
+    """Return a copy of an object that shares its data, moved by a step, (3,) float."""
+    made: Object = obj.copy()
+    made.name = f"{obj.name} Delaunay"
+    made[_BESIDE] = True
+    # It is there to be looked at: what is done to it would be done to both.
+    made.hide_select = True
+    for collection in obj.users_collection:
+        collection.objects.link(made)
+    made.select_set(False)
+    matrix = obj.matrix_world.copy()
+    matrix.translation += Vector(step.tolist())
+    made.matrix_world = matrix
+    return made
+
+
+def remove_beside(obj: Object) -> None:
+    """Remove the copy of an object that shows its baseline, where there is one."""
+    other = object_beside(obj)
+    if other is not None:
+        bpy.data.objects.remove(other)
+
+
+def bounds(obj: Object) -> Array:
+    """Return the corners of a box around an object in the world, (8, 3) float64."""
+    matrix = np.array(obj.matrix_world)
+    box = np.array([corner[:] for corner in obj.bound_box])
+    return box @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 # Making
@@ -584,9 +663,9 @@ def add_points(
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(points))
     position: Any = mesh.attributes["position"]
-    _set(position.data, KINDS["FLOAT_VECTOR"], points)
+    arrays.put(position.data, KINDS["FLOAT_VECTOR"], points)
     for attribute, values in attributes.items():
-        _write(mesh, attribute, "FLOAT_VECTOR", values)
+        arrays.write(mesh, attribute, "FLOAT_VECTOR", values)
     obj = bpy.data.objects.new(name, mesh)
     context.collection.objects.link(obj)
     for other in context.selected_objects:
@@ -600,9 +679,9 @@ def add_points(
         obj.data.name = name
         if not mesh.users:
             bpy.data.meshes.remove(mesh)
-        _remove(_data(obj), "radius")
+        arrays.remove(_data(obj), "radius")
         size = np.full(len(points), point_radius(points))
-        _write(_data(obj), "radius", "FLOAT", size)
+        arrays.write(_data(obj), "radius", "FLOAT", size)
     obj.location = context.scene.cursor.location
     return obj
 
@@ -678,41 +757,6 @@ def _data(obj: Object) -> Any:
     return obj.data
 
 
-def _read(data: Data, name: str, kind: str, *, domain: str = "POINT") -> Array:
-    expected = f'a {kind} attribute "{name}" on {domain}'
-    if name not in data.attributes:
-        raise AttributeMismatchError(f"expected {expected}, found none of this name")
-    attribute: Any = data.attributes[name]
-    if (attribute.data_type, attribute.domain) != (kind, domain):
-        raise AttributeMismatchError(
-            f"expected {expected}, found {attribute.data_type} on {attribute.domain}"
-        )
-    return _get(attribute.data, KINDS[kind])
-
-
-def _get(values: Any, kind: Kind) -> Array:
-    flat: Array = np.empty(len(values) * kind.width, dtype=kind.dtype)
-    values.foreach_get(kind.field, flat)
-    return flat if kind.width == 1 else flat.reshape(-1, kind.width)
-
-
-def _write(
-    data: Any, name: str, kind: str, values: Array, *, domain: str = "POINT"
-) -> None:
-    # Fetched by name: before 5.1 a reference dies with the next attribute.
-    data.attributes.new(name, kind, domain)
-    _set(data.attributes[name].data, KINDS[kind], values)
-
-
-def _set(target: Any, kind: Kind, values: Array) -> None:
-    target.foreach_set(kind.field, np.ascontiguousarray(values, kind.dtype).ravel())
-
-
-def _remove(data: Data, name: str) -> None:
-    if name in data.attributes:
-        data.attributes.remove(data.attributes[name])
-
-
 def _changed(data: Data) -> None:
     """Let Blender forget what it computed from the data."""
     if isinstance(data, Mesh):
@@ -721,31 +765,13 @@ def _changed(data: Data) -> None:
         data.update_tag()
 
 
-def _triangles(mesh: Mesh) -> Array:
-    """Return the triangles of all faces, (m, 3) int32."""
-    if len(mesh.loops) == 3 * len(mesh.polygons):
-        return _corner_vertices(mesh).reshape(-1, 3)
-    mesh.calc_loop_triangles()
-    return _get(mesh.loop_triangles, Kind("vertices", np.int32, 3))
-
-
-def _corner_vertices(mesh: Mesh) -> Array:
-    """Return the vertex of each corner, (c,) int32."""
-    return _read(mesh, ".corner_vert", "INT", domain="CORNER")
-
-
-def _corner_normals(mesh: Mesh) -> Array:
-    """Return the normals that Blender shades with, (c, 3) float32."""
-    return _get(mesh.corner_normals, KINDS["FLOAT_VECTOR"])
-
-
 def _is_ours(data: Data) -> bool:
     return _MARK in data.attributes
 
 
 def _is_edited(data: Data) -> bool:
     """Whether points came, went or changed places since our run."""
-    numbers = _read(data, _MARK, "INT")
+    numbers = arrays.read(data, _MARK, "INT")
     return not np.array_equal(numbers, np.arange(len(numbers)))
 
 
@@ -757,8 +783,8 @@ def _claim(data: Data) -> None:
         record.default_color = data.attributes.default_color_name or ""
     for name in (*RESULTS, CUSTOM_NORMAL):
         if name in data.attributes:
-            data.attributes[name].name = _BACKUP + name
-    _write(data, _MARK, "INT", np.arange(data.attributes.domain_size("POINT")))
+            data.attributes[name].name = BACKUP + name
+    arrays.write(data, _MARK, "INT", np.arange(data.attributes.domain_size("POINT")))
 
 
 def _colors_before(mesh: Any) -> dict[str, str]:
@@ -769,14 +795,8 @@ def _colors_before(mesh: Any) -> dict[str, str]:
         "default_color_name": record.default_color,
     }
     # Blender gave the role to the backup where it was renamed in it.
-    ours = (COLOR, _BACKUP + COLOR)
+    ours = (COLOR, BACKUP + COLOR)
     return {r: name for r, name in roles.items() if getattr(mesh.attributes, r) in ours}
-
-
-def _has_free_normals(mesh: Any) -> bool:
-    """Whether the mesh has custom normals that are plain vectors."""
-    attribute = mesh.attributes.get(CUSTOM_NORMAL)
-    return attribute is not None and attribute.data_type == "FLOAT_VECTOR"
 
 
 def _deforms(obj: Object) -> bool:
@@ -792,72 +812,30 @@ def _deforms(obj: Object) -> bool:
     )
 
 
-def _write_custom_normals(
-    mesh: Mesh, normals: Array, valid: Array, storage: str
-) -> None:
+def _write_of_vertices(mesh: Mesh, normals: Array, valid: Array, storage: str) -> None:
     """Make the normals those of the mesh; corners of the other vertices keep theirs."""
-    corners = _corner_vertices(mesh)
-    kept = ~valid[corners]
-    before = _corner_normals(mesh) if kept.any() else None
+    kept = ~valid[arrays.corner_vertices(mesh)]
+    before = arrays.corner_normals(mesh) if kept.any() else None
     _claim(mesh)
-    if storage == "tangent_space":
-        _write_tangent_space(mesh, normals, kept)
-    elif before is None:
-        _write(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", normals)
-    else:
-        # The corners of a kept vertex may differ, as on a cube.
-        shown = np.where(kept[:, None], before, normals[corners])
-        _write(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", shown, domain="CORNER")
+    custom_normals.write_vertices(mesh, normals, kept, storage, before)
 
 
-def _write_tangent_space(mesh: Any, normals: Array, kept: Array) -> None:
-    """Write normals of vertices; zeros stand for what Blender computes itself."""
-    sharp = "sharp_edge" in mesh.attributes
-    rows = np.asarray(normals, dtype=np.float32)
-    # From 5.1 on, Blender reads a list twice as fast as an array.
-    mesh.normals_split_custom_set_from_vertices(
-        rows.tolist() if bpy.app.version >= (5, 1, 0) else rows
-    )
-    if not sharp:
-        # Blender adds it here; with nothing marked it is as good as not there.
-        _remove(mesh, "sharp_edge")
-    if kept.any():
-        _keep_bits(mesh, kept)
-
-
-def _blend_custom_normals(
-    mesh: Any, normals: Array, weight: Array, storage: str
+def _write_of_corners(
+    mesh: Mesh,
+    normals: Array,
+    valid: Array,
+    storage: str,
+    weight: Array | None,
+    corners: Corners | None,
 ) -> None:
-    """Mix normals of vertices into those that the corners have."""
-    corners = _corner_vertices(mesh)
-    share = weight[corners][:, None]
-    before = _corner_normals(mesh)
-    mixed = unit(share * normals[corners] + (1 - share) * before)
-    mixed = np.where(share > 0, mixed, before)
+    """Mix normals into those that the corners have."""
+    vertices = arrays.corner_vertices(mesh)
+    new, share = normals[vertices], valid[vertices].astype(np.float64)
+    if corners is not None:
+        new, share = corners.normals, corners.valid.astype(np.float64)
+    if weight is not None:
+        share *= weight[vertices]
+    shown = custom_normals.mixed(mesh, new, share)
+    edges = None if corners is None else corners.edges
     _claim(mesh)
-    if storage == "free":
-        _write(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", mixed, domain="CORNER")
-        return
-    sharp = "sharp_edge" in mesh.attributes
-    rows = mixed.astype(np.float32)
-    mesh.normals_split_custom_set(
-        rows.tolist() if bpy.app.version >= (5, 1, 0) else rows
-    )
-    if not sharp:
-        _remove(mesh, "sharp_edge")
-    _keep_bits(mesh, share[:, 0] == 0)
-
-
-def _keep_bits(mesh: Any, kept: Array) -> None:
-    """Bring back what some corners had in tangent space before.
-
-    Tangent spaces depend on shape and sharp edges alone: these bits still fit.
-    """
-    backup = mesh.attributes.get(_BACKUP + CUSTOM_NORMAL)
-    if backup is not None and backup.data_type != "INT16_2D":
-        return
-    kind = KINDS["INT16_2D"]
-    values = _get(mesh.attributes[CUSTOM_NORMAL].data, kind)
-    # Zeros stand for what Blender computes itself.
-    values[kept] = 0 if backup is None else _get(backup.data, kind)[kept]
-    _set(mesh.attributes[CUSTOM_NORMAL].data, kind, values)
+    custom_normals.write_corners(mesh, shown, share == 0, storage, edges)

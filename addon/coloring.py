@@ -10,20 +10,90 @@ from .. import core
 from . import bridge
 from .settings import Returned, measure_property
 
+# Of the baseline, what is shown beside a measure of the estimate.
+BESIDE = {"error_estimate": "error_baseline", "angle_estimate": "angle_baseline"}
+# Shown of an object alone, it gives way to the measure of the estimate.
+_ALONE = {theirs: ours for ours, theirs in BESIDE.items()}
+# No measure of the core's comparison, but a property of the estimate.
+CONFIDENCE = "side_confidence"
+
 
 def possible(measure: str, comparison: core.Comparison) -> str:
     """Return the measure, or the difference where it needs true normals."""
-    return "deviation" if getattr(comparison, measure) is None else measure
+    if measure == CONFIDENCE or getattr(comparison, measure) is not None:
+        return measure
+    return "angle_deviation" if measure.startswith("angle_") else "deviation"
 
 
 def write_colors(
     obj: Object, comparison: core.Comparison, measure: str, limit: float
 ) -> None:
     """Color the points by a measure up to a limit, 0 for one that fits."""
-    colors = comparison.colors(measure, limit=limit or None)
-    bridge.write_results(obj, {bridge.COLOR: colors})
+    beside = bridge.has_attribute(obj, bridge.COLOR_BESIDE)
+    theirs = None
+    if beside:
+        measure = _ALONE.get(measure, measure)
+        theirs = BESIDE.get(measure, measure)
+        if theirs != measure and not limit:
+            # One range for both.
+            limit = max(comparison.limits(m)[1] for m in (measure, theirs))
+    results = {bridge.COLOR: _colors(obj, comparison, measure, limit)}
+    if theirs is not None:
+        results[bridge.COLOR_BESIDE] = _colors(obj, comparison, theirs, limit)
+    bridge.write_results(obj, results)
     record = bridge.record_of(obj)
     record.color_by, record.color_limit = measure, limit
+
+
+def _colors(
+    obj: Object, comparison: core.Comparison, measure: str, limit: float
+) -> np.ndarray:
+    found, name, high = on_scale(obj, comparison, measure, limit)
+    return found.colors(name, limit=high)
+
+
+def on_scale(
+    obj: Object, comparison: core.Comparison, measure: str, limit: float
+) -> tuple[core.Comparison, str, float | None]:
+    """Return what the core needs to color or count a measure.
+
+    Returns
+    -------
+    comparison, measure : Comparison, str
+        Where the measure is none of the core's, its values as a deviation.
+    limit : float or None
+        The value of the last color; None for one that fits.
+    """
+    if measure != CONFIDENCE:
+        return comparison, measure, limit or None
+    sure = bridge.read_attribute(obj, "ts_side_confidence", "FLOAT")
+    return core.Comparison(sure, sure), "deviation", limit or 1.0
+
+
+def begin_beside(obj: Object) -> bool:
+    """Make the colors that a copy beside an object is to wear, where there are any.
+
+    Returns
+    -------
+    bool
+        Whether there are: without true normals neither method has an error.
+    """
+    found, record = read_comparison(obj), bridge.record_of(obj)
+    if found.error_baseline is None:
+        return False
+    measure = record.color_by
+    if measure not in {*BESIDE, *_ALONE}:
+        measure = "error_estimate"
+    nothing = np.zeros((len(found.deviation), 4), np.float32)
+    bridge.write_results(obj, {bridge.COLOR_BESIDE: nothing})
+    write_colors(obj, found, measure, record.color_limit)
+    return True
+
+
+def end_beside(obj: Object) -> None:
+    """Remove the colors that a copy beside an object wore."""
+    if bridge.has_attribute(obj, bridge.COLOR_BESIDE):
+        bridge.write_results(obj, {bridge.COLOR_BESIDE: None})
 
 
 def read_comparison(obj: Object) -> core.Comparison:
@@ -40,12 +110,9 @@ def read_comparison(obj: Object) -> core.Comparison:
     found = core.compare_normals(ours, theirs)
     if not bridge.has_attribute(obj, "delaunay_error"):
         return found
-    return core.Comparison(
-        found.deviation,
-        found.angle_deviation,
-        bridge.read_attribute(obj, "ts_error", "FLOAT"),
-        bridge.read_attribute(obj, "delaunay_error", "FLOAT"),
-    )
+    names = ("ts_error", "delaunay_error", "ts_angle", "delaunay_angle")
+    errors = (bridge.read_attribute(obj, name, "FLOAT") for name in names)
+    return core.Comparison(found.deviation, found.angle_deviation, *errors)
 
 
 def histogram(
@@ -66,7 +133,8 @@ def colors_of(measure: str, values: np.ndarray, limit: float) -> np.ndarray:
         pair = 1 - values, values
     else:
         pair = values, values
-    return core.Comparison(values, values, *pair).colors(measure, limit=limit)
+    measure = "deviation" if measure == CONFIDENCE else measure
+    return core.Comparison(values, values, *pair, *pair).colors(measure, limit=limit)
 
 
 class TIMESCALE_OT_color_by(Operator):

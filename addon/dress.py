@@ -10,12 +10,18 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import bpy
+import numpy as np
 from bpy.types import Context, Object, Operator
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from mathutils import Vector
 
-from . import bridge
+from . import bridge, coloring
 from .settings import Returned, settings_of
 
 NAME = bridge.DRESS
+
+# From an object to the copy beside it, in widths of the object.
+_GAP = 1.15
 
 
 def show(context: Context, objects: Iterable[Object]) -> None:
@@ -38,6 +44,7 @@ def show(context: Context, objects: Iterable[Object]) -> None:
 def hide(context: Context, objects: Iterable[Object]) -> None:
     """Undress objects, and with the last one set the viewports back."""
     for obj in objects:
+        hide_beside(obj)
         modifier: Any = obj.modifiers.get(NAME)
         if modifier is not None:
             _undress(obj, modifier)
@@ -68,7 +75,47 @@ def _views() -> Iterator[tuple[str, Any]]:
                     yield f"{screen.name}/{index}", space.shading
 
 
-def _dress(obj: Object) -> None:
+def show_beside(context: Context, obj: Object) -> None:
+    """Dress an object and a copy beside it, which wears the baseline's colors."""
+    show(context, [obj])
+    view = context.region_data
+    # To the right of who looks, as far as the object is wide from there.
+    right = np.array((1.0, 0.0, 0.0))
+    if isinstance(view, bpy.types.RegionView3D):
+        right = np.array(view.view_rotation @ Vector((1.0, 0.0, 0.0)))
+    width = float(np.ptp(bridge.bounds(obj) @ right))
+    made = bridge.add_beside(obj, _GAP * width * right)
+    modifier: Any = made.modifiers.get(NAME)
+    made.modifiers.remove(modifier)
+    _dress(made, color=bridge.COLOR_BESIDE)
+    if isinstance(view, bpy.types.RegionView3D):
+        _bring_into_view(context, view, made)
+
+
+def _bring_into_view(context: Context, view: Any, made: Object) -> None:
+    """Step back to see a copy that would be out of sight."""
+    regions: Any = {region.type: region for region in context.area.regions}
+    place = bridge.bounds(made).mean(axis=0)
+    found = location_3d_to_region_2d(regions["WINDOW"], view, Vector(place))
+    room = regions["WINDOW"].width - regions["UI"].width
+    if found is None or not 0 < found.x < 0.8 * room:
+        # Past the middle, because the sidebar covers the right.
+        view.view_location = view.view_location.lerp(Vector(place), 0.7)
+        view.view_distance *= 2.0
+
+
+def hide_beside(obj: Object) -> None:
+    """Remove the copy beside an object, and the colors that it wears."""
+    other = bridge.object_beside(obj)
+    if other is None:
+        return
+    modifier: Any = other.modifiers.get(NAME)
+    if modifier is not None:
+        _undress(other, modifier)
+    bridge.remove_beside(obj)
+
+
+def _dress(obj: Object, *, color: str = bridge.COLOR) -> None:
     if is_dressed(obj):
         return
     tree: Any = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
@@ -86,6 +133,17 @@ def _dress(obj: Object) -> None:
         )
         links.new(last, size.inputs[0])
         last = size.outputs[0]
+    if color != bridge.COLOR:
+        # Solid shading and the material know the colors by one name.
+        other = nodes.new("GeometryNodeInputNamedAttribute")
+        other.data_type = "FLOAT_COLOR"
+        other.inputs["Name"].default_value = color
+        worn = nodes.new("GeometryNodeStoreNamedAttribute")
+        worn.data_type, worn.domain = "FLOAT_COLOR", "POINT"
+        worn.inputs["Name"].default_value = bridge.COLOR
+        links.new(last, worn.inputs["Geometry"])
+        links.new(other.outputs["Attribute"], worn.inputs["Value"])
+        last = worn.outputs["Geometry"]
     cover = nodes.new("GeometryNodeSetMaterial")
     cover.inputs["Material"].default_value = _material()
     links.new(last, cover.inputs["Geometry"])
@@ -174,10 +232,42 @@ class TIMESCALE_OT_hide_colors(_OnColors):
 
     def execute(self, context: Context) -> Returned:
         """Undress the selected objects."""
+        for obj in bridge.targets(context):
+            coloring.end_beside(obj)
         hide(context, bridge.targets(context))
         return {"FINISHED"}
 
 
+class TIMESCALE_OT_side_by_side(_OnColors):
+    """Errors of both methods in one look."""
+
+    bl_idname = "timescale.side_by_side"
+    bl_label = "Side by Side"
+    bl_description = (
+        "Put a copy beside each selected object that shows the errors of Delaunay, "
+        "in the same range of colors; a second time takes it away"
+    )
+
+    def execute(self, context: Context) -> Returned:
+        """Show both methods, or one again where both are shown."""
+        objects = list(filter(bridge.has_comparison, bridge.targets(context)))
+        shown = [obj for obj in objects if bridge.object_beside(obj) is not None]
+        for obj in shown or objects:
+            if shown:
+                hide_beside(obj)
+                coloring.end_beside(obj)
+            elif coloring.begin_beside(obj):
+                show_beside(context, obj)
+                # The menu says what is seen.
+                settings_of(context).color_by = bridge.record_of(obj).color_by
+            else:
+                self.report({"WARNING"}, f"{obj.name}: {NO_TRUTH}")
+        none = not shown and not any(map(bridge.object_beside, objects))
+        return {"CANCELLED"} if none else {"FINISHED"}
+
+
+NO_TRUTH = "errors need true normals; choose them and compare again"
+
 register, unregister = bpy.utils.register_classes_factory(
-    (TIMESCALE_OT_show_colors, TIMESCALE_OT_hide_colors)
+    (TIMESCALE_OT_show_colors, TIMESCALE_OT_hide_colors, TIMESCALE_OT_side_by_side)
 )

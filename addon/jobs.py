@@ -13,7 +13,9 @@ import numpy as np
 from bpy.types import Context, Object
 
 from .. import core
+from ..core.faces import fan_means
 from . import bridge, coloring
+from .arrays import ObjectError
 from .settings import Options, to_core
 
 Progress = Callable[[float], object]
@@ -35,10 +37,16 @@ class Job:
         Of the shape that was read.
     weight : (n,) float64 or None
         Share of the estimate in the normals of a mesh; None is all of it.
+    fans : Fans or None
+        How edges part a mesh. The estimate is then of fans, the rest of vertices.
+    corners : Corners or None
+        The normals where edges part a mesh, in object space.
     estimate : Estimate or None
         None where an earlier one is compared.
     normals, baseline, truth : (n, 3) float64 or None
         Of the estimate, of the Delaunay triangulation and as given, in object space.
+    valid : (n,) bool or None
+        Where the estimate has normals.
     surface : Surface or None
         Where `truth` is to be taken from.
     stale : bool
@@ -53,8 +61,11 @@ class Job:
     comparison: core.Comparison = field(init=False)
     fingerprint: tuple = ()
     weight: Any = None
+    fans: Any = None
+    corners: bridge.Corners | None = None
     estimate: core.Estimate | None = None
     normals: Any = None
+    valid: Any = None
     baseline: Any = None
     truth: Any = None
     surface: bridge.Surface | None = None
@@ -111,6 +122,17 @@ def read_weight(job: Job, options: Options) -> None:
     )
 
 
+def read_split(job: Job, options: Options) -> None:
+    """Read which edges of a mesh keep normals apart."""
+    if not options.split:
+        return
+    fans = bridge.read_fans(job.obj, options.split, evaluated=options.use_modifiers)
+    if fans is not None and job.settings.graph not in {"auto", "mesh"}:
+        job.notes.append(("WARNING", NOT_SPLIT))
+    else:
+        job.fans = fans
+
+
 def read_truth(job: Job, options: Options, surface: bridge.Surface | None) -> None:
     """Read the true normals, or remember the surface that has them."""
     job.surface = surface
@@ -127,7 +149,7 @@ def read_earlier_estimate(job: Job) -> None:
 def check_same(job: Job) -> None:
     """Raise ObjectError where the object is gone or no longer has its shape."""
     if bridge.fingerprint(job.obj) != job.fingerprint:
-        raise bridge.ObjectError(CHANGED)
+        raise ObjectError(CHANGED)
 
 
 # Compute
@@ -135,11 +157,24 @@ def check_same(job: Job) -> None:
 
 def estimate(job: Job, progress: Progress) -> None:
     """Estimate the normals of the shape as it stands in the world."""
-    shape = job.geometry
-    job.estimate = core.estimate_normals(
-        shape.points, faces=shape.faces, settings=job.settings, progress=progress
+    shape, settings, fans = job.geometry, job.settings, job.fans
+    points, faces = shape.points, shape.faces
+    if fans is not None:
+        points, faces = points[fans.vertex], fans.faces
+        if settings.reference is not None:
+            reference = np.asarray(settings.reference)[fans.vertex]
+            settings = replace(settings, reference=reference)
+    found = core.estimate_normals(
+        points, faces=faces, settings=settings, progress=progress
     )
-    job.normals = shape.to_object(job.estimate.normals)
+    job.estimate, job.normals = found, shape.to_object(found.normals)
+    job.valid = found.valid
+    if fans is not None:
+        job.corners = bridge.Corners(
+            job.normals[fans.corner], found.valid[fans.corner], fans.edges
+        )
+        job.normals = fan_means(job.normals, fans.vertex, len(shape.points))
+        job.valid = (job.normals != 0).any(axis=1)
 
 
 def estimate_and_compare(job: Job, progress: Progress) -> None:
@@ -165,21 +200,41 @@ def estimate_and_compare(job: Job, progress: Progress) -> None:
 
 def write_estimate(job: Job, options: Options) -> None:
     """Write normals and validity, and say how many and from what."""
-    valid, summary = job.estimate.valid, job.estimate.summary()
-    summary["noise_percent"] = _noise_percent(job)
     storage = options.storage
     if storage == "auto" and options.use_modifiers:
         # Others would be turned once more by what deforms the mesh.
         storage = "free"
     bridge.write_estimate(
-        job.obj, job.normals, valid, storage=storage, weight=job.weight
+        job.obj,
+        job.normals,
+        job.valid,
+        storage=storage,
+        weight=job.weight,
+        corners=job.corners,
     )
+    # The first fans are those of the vertices.
+    sure = job.estimate.orientation_confidence[: len(job.valid)]
+    bridge.write_results(job.obj, {"ts_side_confidence": sure})
+    summary = summary_of(job)
     bridge.write_summary(job.obj, {"estimate": summary})
     if summary["invalid"]:
         job.notes.append(("WARNING", KEPT.format_map(summary)))
+    job.notes += [("WARNING", warning) for warning in summary.get("warnings", ())]
     sentence = WITH_FACES if summary["from_faces"] else ESTIMATED
     job.notes.append(("INFO", sentence.format_map(summary)))
     job.done = True
+
+
+def summary_of(job: Job) -> dict[str, Any]:
+    """Return what is to be said about an estimate, in points of the object."""
+    summary = job.estimate.summary()
+    summary["normals"] = summary["valid"]
+    if job.fans is not None:
+        valid = int(job.valid.sum())
+        counts = {"points": len(job.valid), "valid": valid}
+        summary |= counts | {"invalid": len(job.valid) - valid}
+    summary["noise_percent"] = _noise_percent(job)
+    return summary
 
 
 def _noise_percent(job: Job) -> float | None:
@@ -192,10 +247,15 @@ def _noise_percent(job: Job) -> float | None:
 def write_comparison(job: Job, options: Options) -> None:
     """Write the other side, errors and colors, and say which side is nearer."""
     found, summary = job.comparison, job.comparison.summary()
+    error, angle = found.error_estimate, found.angle_estimate
+    if job.truth is None:
+        error, angle = found.deviation, found.angle_deviation
     results = {
         "delaunay_normal": job.baseline,
-        "ts_error": found.deviation if job.truth is None else found.error_estimate,
+        "ts_error": error,
         "delaunay_error": found.error_baseline,
+        "ts_angle": angle,
+        "delaunay_angle": found.angle_baseline,
     }
     bridge.write_results(job.obj, results)
     bridge.write_summary(job.obj, {"comparison": summary})
@@ -219,9 +279,13 @@ NO_FACES = (
     "it has no faces, so no normals to blend with; "
     "choose All Vertices and a strength of 1"
 )
+NOT_SPLIT = (
+    "marked edges do not part it, because neighbors are not those of the mesh; "
+    "choose Auto or Mesh as Graph"
+)
 CHANGED = "its shape changed while its normals were computed; run again"
-ESTIMATED = "{valid:,} normals, each from {neighbors} neighbors"
-WITH_FACES = "{valid:,} normals, {from_faces:,} of them by the faces around them"
+ESTIMATED = "{normals:,} normals, each from {neighbors} neighbors"
+WITH_FACES = "{normals:,} normals, {from_faces:,} of them by the faces around them"
 KEPT = (
     "{invalid:,} of {points:,} points had too few neighbors for a normal; "
     "they keep the one they had"

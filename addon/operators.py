@@ -34,7 +34,7 @@ class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):
     bl_description = (
         "Fit a patch around every point and derive its normal on time scales.\n"
         "Meshes get custom normals; meshes and point clouds get the attributes "
-        "ts_normal and ts_valid.\n"
+        "ts_normal, ts_valid and ts_side_confidence.\n"
         "Objects that share a mesh share the result, computed at the scale of the "
         "active one"
     )
@@ -48,6 +48,7 @@ class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):
         """Read the shape, and how much of it is to change."""
         jobs.read_shape(job, self)
         jobs.read_weight(job, self)
+        jobs.read_split(job, self)
 
     @staticmethod
     def compute(job: Job, progress: Progress) -> None:
@@ -56,6 +57,7 @@ class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):
 
     def write(self, job: Job) -> None:
         """Write normals."""
+        dress.hide_beside(job.obj)
         jobs.write_estimate(job, self)
 
     def draw(self, context: Context) -> None:
@@ -75,7 +77,8 @@ class TIMESCALE_OT_compare_delaunay(OnSelection, EstimateOptions, CompareOptions
         "made first where there are none.\n"
         "With true normals, ts_error and delaunay_error hold the largest difference "
         "to them in a coordinate; without, ts_error holds that of the two sides to "
-        "each other and delaunay_error is left out. ts_error_color shows them"
+        "each other and delaunay_error is left out. ts_angle and delaunay_angle hold "
+        "the same in degrees, ts_error_color shows them"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender wants a plain set
 
@@ -106,6 +109,7 @@ class TIMESCALE_OT_compare_delaunay(OnSelection, EstimateOptions, CompareOptions
         jobs.read_earlier_estimate(job)
         if job.normals is None:
             jobs.read_weight(job, self)
+            jobs.read_split(job, self)
 
     @staticmethod
     def compute(job: Job, progress: Progress) -> None:
@@ -115,6 +119,7 @@ class TIMESCALE_OT_compare_delaunay(OnSelection, EstimateOptions, CompareOptions
     def write(self, job: Job) -> None:
         """Write errors and colors."""
         if job.estimate is not None:
+            dress.hide_beside(job.obj)
             jobs.write_estimate(job, self)
         jobs.write_comparison(job, self)
 

@@ -119,18 +119,27 @@ def lines_of(obj: Object, *, share: float, length: float, baseline: bool) -> Lin
 def legend_of(obj: Object) -> Legend:
     """Return the legend of an object's colors."""
     found, record = coloring.read_comparison(obj), bridge.record_of(obj)
-    measure, limit = record.color_by, record.color_limit or None
-    low, high = (0.0, 1.0) if measure == "wins" else found.limits(measure, limit=limit)
+    measure = record.color_by
+    found, name, limit = coloring.on_scale(obj, found, measure, record.color_limit)
+    low, high = (0.0, 1.0) if measure == "wins" else found.limits(name, limit=limit)
     bins = 2 if measure == "wins" else 40
-    counts, edges = coloring.histogram(found, measure, bins=bins, limit=limit)
+    counts, edges = coloring.histogram(found, name, bins=bins, limit=limit)
     colors = coloring.colors_of(measure, (edges[1:] + edges[:-1]) / 2, high)
     shown = [Color(c[:3]).from_scene_linear_to_srgb()[:] for c in colors]
     return Legend(
-        measure_label(measure),
+        _title(obj, measure),
         *_ticks(measure, low, high, counts),
         counts / max(1, counts.max()),
         np.concatenate([shown, np.ones((len(shown), 1))], axis=1),
     )
+
+
+def _title(obj: Object, measure: str) -> str:
+    """Return what the scale is of; two measures while both are side by side."""
+    names = [measure_label(measure)]
+    if measure in coloring.BESIDE and bridge.has_attribute(obj, bridge.COLOR_BESIDE):
+        names.append(measure_label(coloring.BESIDE[measure]).rpartition(" ")[2])
+    return ", ".join(names)
 
 
 def _ticks(
@@ -143,7 +152,11 @@ def _ticks(
     if measure == "log_ratio":
         factor = f"{10**high:,.3g}x"
         return f"Delaunay {factor}", "equal", f"Estimate {factor}"
-    return f"{low:.3g}", f"{(low + high) / 2:.3g}", f"{high:.3g}"
+    if measure == coloring.CONFIDENCE:
+        return "a guess", f"{high / 2:.2g}", "certain" if high == 1 else f"{high:.2g}"
+    unit = "°" if measure.startswith("angle_") else ""
+    middle = (low + high) / 2
+    return f"{low:.3g}{unit}", f"{middle:.3g}{unit}", f"{high:.3g}{unit}"
 
 
 class Kept:

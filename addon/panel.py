@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The tab "Time-Scale" of the sidebar, and the entry in the Object menu."""
 
+import textwrap
 from typing import Any
 
 import bpy
@@ -23,6 +24,7 @@ ESTIMATE, COMPARE, CLEAR = (operator.bl_idname for operator in OPERATORS)
 # Rows of the last result: key of the core's summary, label.
 ESTIMATE_ROWS = (
     ("points", "Points"),
+    ("parted", "Normals"),
     ("invalid", "Without Normal"),
     ("from_faces", "From Faces"),
     ("neighbors", "Neighbors"),
@@ -31,6 +33,7 @@ ESTIMATE_ROWS = (
     ("graph", "Graph"),
     ("orientation", "Orientation"),
     ("pieces", "Pieces"),
+    ("uncertain_percent", "Side Uncertain"),
 )
 STATISTICS = (("rms", "RMS"), ("median", "Median"), ("p95", "95 %"), ("max", "Maximum"))
 
@@ -99,6 +102,11 @@ class VIEW3D_PT_timescale_colors(_InSidebar):
         column.use_property_decorate = False
         draw_colors(column, settings_of(context))
         column.prop(settings_of(context), "show_legend")
+        column.operator(
+            "timescale.side_by_side",
+            icon="MOD_MIRROR",
+            depress=bridge.has_attribute(context.object, bridge.COLOR_BESIDE),
+        )
         if dress.is_dressed(context.object):
             column.operator("timescale.hide_colors", icon="HIDE_ON")
         else:
@@ -143,6 +151,8 @@ class VIEW3D_PT_timescale_result(_InSidebar):
         summary = bridge.read_summary(context.object)
         if "estimate" in summary:
             _table(self.layout, result_rows(summary["estimate"]))
+            for line in warning_lines(summary["estimate"], context.region.width):
+                self.layout.label(**line)
         if "comparison" in summary:
             self.layout.separator(type="LINE")
             _table(self.layout, comparison_rows(summary["comparison"]))
@@ -166,11 +176,34 @@ class VIEW3D_MT_object_timescale(Menu):
 
 def result_rows(summary: dict) -> list[tuple[str, ...]]:
     """Return label and value of each row about an estimate; zeros are left out."""
+    shown = dict(summary)
+    if "uncertain" in shown:
+        # Less than a tenth of a per cent is as good as nothing.
+        shown["uncertain_percent"] = round(100 * shown["uncertain"], 1)
+    if shown.get("normals", 0) > shown["valid"]:
+        shown["parted"] = shown["normals"]
     return [
-        (label, _text(summary[key]) + (" %" if key.endswith("_percent") else ""))
+        (label, _text(shown[key]) + (" %" if key.endswith("_percent") else ""))
         for key, label in ESTIMATE_ROWS
-        if summary.get(key)
+        if shown.get(key)
     ]
+
+
+def warning_lines(summary: dict, width: float) -> list[dict[str, Any]]:
+    """Return text and icon of each line of the warnings, in a region of a width."""
+    # About the width of a letter, and of the margins with the icon.
+    columns = max(16, int((width / _ui_scale() - 70) / 6.5))
+    lines = []
+    for warning in summary.get("warnings", ()):
+        sentence = warning[0].upper() + warning[1:]
+        for row, text in enumerate(textwrap.wrap(sentence, columns)):
+            lines.append({"text": text, "icon": "BLANK1" if row else "ERROR"})
+    return lines
+
+
+def _ui_scale() -> float:
+    # Without a window it is zero.
+    return bpy.context.preferences.system.ui_scale or 1.0
 
 
 def comparison_rows(summary: dict) -> list[tuple[str, ...]]:

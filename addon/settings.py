@@ -59,20 +59,45 @@ _ORIENTATIONS = {
     "reference": "To the side of normals that are there as an attribute",
     "none": "As they come",
 }
+_NESTED = {
+    "cavity": "The wall of a cavity, whose normals face into it",
+    "outward": "A body of its own, whose normals face away from it",
+}
 _REGIONS = {
     "all": "Every vertex gets the new normal",
     "selected": "Vertices selected in Edit Mode; the others keep their normals",
     "group": "By the weights of a vertex group, which blend smoothly",
 }
+_SPLITS = {
+    "sharp": (
+        "Sharp Edges",
+        "Edges marked sharp, and those of flat faces among smooth ones",
+    ),
+    "seams": ("UV Seams", "Edges along which the surface is cut to lie flat"),
+    "materials": ("Material Borders", "Edges between faces of different materials"),
+}
 _MEASURES = {
-    "error_estimate": ("Error of Estimate", "Distance to the true normal"),
-    "error_baseline": ("Error of Delaunay", "Distance to the true normal"),
-    "deviation": ("Difference", "Distance of the two normals to each other"),
+    "error_estimate": (
+        "Error of Estimate",
+        "Largest difference to the true normal in a coordinate",
+    ),
+    "error_baseline": (
+        "Error of Delaunay",
+        "Largest difference to the true normal in a coordinate",
+    ),
+    "deviation": ("Difference", "Largest difference of the two in a coordinate"),
+    "angle_estimate": ("Angle of Estimate", "To the true normal, in degrees"),
+    "angle_baseline": ("Angle of Delaunay", "To the true normal, in degrees"),
+    "angle_deviation": ("Angle Between", "From one normal to the other, in degrees"),
     "log_ratio": (
         "Times Nearer",
         "Powers of ten between the two errors, neutral where they are equal",
     ),
     "wins": ("Winners", "Where the estimate is nearer to the true normal"),
+    "side_confidence": (
+        "Sureness of Sides",
+        "How sure it is which side of the estimate faces out, from 0 to 1",
+    ),
 }
 _STORAGES = {
     "auto": "Tangent Space where a mesh deforms, else Free",
@@ -147,6 +172,9 @@ class EstimateOptions:
     patch: _choice("patch", _PATCHES, "Which surfaces are fitted")
     weights: _choice("weights", _WEIGHTS, "How the two one-sided slopes are mixed")
     orientation: _choice("orientation", _ORIENTATIONS, "Which side the normals face")
+    nested: _choice(
+        "nested", _NESTED, "What a piece inside another one is", label="Inner Pieces"
+    )
     viewpoint: FloatVectorProperty(
         name="Viewpoint",
         description="Place in the scene that normals face, when no object is chosen",
@@ -171,6 +199,16 @@ class EstimateOptions:
             _REGIONS, _REGIONS, {"all": "All", "selected": "Selected", "group": "Group"}
         ),
         default="all",
+    )
+    split: EnumProperty(
+        name="Split At",
+        description=(
+            "Edges of a mesh where the surface is taken to end, so that normals "
+            "differ on both sides"
+        ),
+        items=[(name, *words) for name, words in _SPLITS.items()],
+        options={"ENUM_FLAG"},
+        default={"sharp"},
     )
     vertex_group: StringProperty(
         name="Vertex Group",
@@ -315,6 +353,9 @@ class TimeScaleSettings(EstimateOptions, CompareOptions, bpy.types.PropertyGroup
 class TimeScaleRecord(bpy.types.PropertyGroup):
     """What the last run leaves on a mesh or point cloud beside its attributes."""
 
+    had_sharp_edges: BoolProperty(
+        description="Whether edges had marks of sharpness before"
+    )
     summary: StringProperty(description="JSON of what the panel shows")
     color_by: StringProperty(description="What the colors show")
     color_limit: FloatProperty(description="Value of the last color; 0 chose one")
@@ -331,6 +372,7 @@ DETAILS = (
     "graph",
     "patch",
     "weights",
+    "nested",
     "storage",
     "use_modifiers",
 )
@@ -375,6 +417,8 @@ def draw_estimate(layout: Layout, options: Options, obj: Owner) -> None:
     if options.orientation == "reference":
         _draw_attribute(layout, options, "reference", obj)
     if obj is not None and obj.type == "MESH":
+        # Three switches side by side are too narrow for their words.
+        layout.column().prop(options, "split")
         layout.prop(options, "region")
         if options.region == "group":
             layout.prop_search(options, "vertex_group", obj, "vertex_groups", text=" ")
@@ -384,7 +428,8 @@ def draw_estimate(layout: Layout, options: Options, obj: Owner) -> None:
 def draw_details(layout: Layout, options: Options) -> None:
     """Show what is chosen well without anyone looking."""
     for name in DETAILS:
-        layout.prop(options, name)
+        if name != "nested" or options.orientation in {"auto", "poles"}:
+            layout.prop(options, name)
 
 
 def draw_compare(layout: Layout, options: Options, obj: Owner) -> None:
@@ -423,6 +468,7 @@ def to_core(options: Any) -> Settings:
         patch=options.patch,
         weights=options.weights,
         orientation=options.orientation,
+        nested=options.nested,
         viewpoint=_viewpoint(options),
     )
 

@@ -126,6 +126,100 @@ def bump_correlation(points: FloatArray, faces: IntArray) -> float:
     return float((bump[a] * bump[b]).mean()) / square if square > 0 else 1.0
 
 
+def split_fans(
+    count: int, faces: IntArray, edges: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Part the vertices of a mesh along edges.
+
+    A fan is a connected set of corners around a vertex that no given edge separates.
+    As vertices of their own, fans keep neighborhoods and means of faces on one side.
+
+    Parameters
+    ----------
+    count : int
+        The number n of vertices.
+    faces : (m, 3) int
+    edges : (e, 2) int
+        Pairs of vertices, in any order.
+
+    Returns
+    -------
+    fans : (m, 3) int
+        The fan of each corner, a triangulation of the parted mesh.
+    vertex : (f,) int
+        The vertex of each fan, f >= n. The first n fans are those of the vertices in
+        their order: what is not parted, or has no face, keeps its number.
+
+    Notes
+    -----
+    Corners at one vertex are joined where their triangles share an edge that is not
+    given. A vertex of no given edge is one fan, even where its faces meet in it alone.
+    """
+    from scipy import sparse
+
+    corners = faces.ravel()
+    touched = np.zeros(count, dtype=bool)
+    touched[edges] = True
+    parted = np.flatnonzero(touched[corners])
+    place = np.full(len(corners), -1)
+    place[parted] = np.arange(len(parted))
+    first, second = _shared_sides(count, faces, edges, touched)
+    first, second = place[first], place[second]
+    joined = first >= 0
+    pairs = (first[joined], second[joined])
+    graph = sparse.coo_array(
+        (np.ones(len(pairs[0]), dtype=bool), pairs), shape=(len(parted),) * 2
+    )
+    fan_count, label = sparse.csgraph.connected_components(graph, directed=False)
+    origin = np.empty(fan_count, dtype=np.int64)
+    origin[label] = corners[parted]
+    _, oldest = np.unique(origin, return_index=True)
+    younger = np.ones(fan_count, dtype=bool)
+    younger[oldest] = False
+    number = origin.copy()
+    number[younger] = count + np.arange(younger.sum())
+    fans = corners.astype(np.int64)
+    fans[parted] = number[label]
+    return fans.reshape(faces.shape), np.append(np.arange(count), origin[younger])
+
+
+def _shared_sides(count, faces, edges, touched):
+    """Return pairs of corners at the ends of sides that triangles share.
+
+    Both corners of a pair are at one vertex; sides among the edges are left out, and
+    triangles away from touched vertices.
+    """
+    near = np.flatnonzero(touched[faces].any(axis=1))
+    corner = 3 * near[:, None] + np.arange(3)
+    ends = np.stack([corner, np.roll(corner, -1, axis=1)], axis=-1).reshape(-1, 2)
+    sides = faces.ravel()[ends]
+    turned = sides[:, 0] > sides[:, 1]
+    ends[turned] = ends[turned, ::-1]
+    key = sides.min(axis=1) * np.int64(count) + sides.max(axis=1)
+    given = edges.min(axis=1) * np.int64(count) + edges.max(axis=1)
+    free = np.flatnonzero(~np.isin(key, given))
+    free = free[np.argsort(key[free], kind="stable")]
+    same = key[free[1:]] == key[free[:-1]]
+    return ends[free[:-1][same]].ravel(), ends[free[1:][same]].ravel()
+
+
+def fan_means(normals: FloatArray, vertex: IntArray, count: int) -> FloatArray:
+    """Return the means of the normals of fans at their vertices.
+
+    Parameters
+    ----------
+    normals : (f, 3) float64
+    vertex : (f,) int
+        The vertex of each fan, below `count`.
+
+    Returns
+    -------
+    (count, 3) float64, unit; zero where there are none or they cancel out.
+    """
+    total = [np.bincount(vertex, axis, minlength=count) for axis in normals.T]
+    return unit(np.stack(total, axis=1))
+
+
 def mean_edge(points: FloatArray, faces: IntArray) -> float:
     """Return the mean length of the triangles' sides."""
     sides = points[faces] - points[np.roll(faces, 1, axis=1)]

@@ -35,6 +35,16 @@ STEPS = (
         "timescale.estimate_normals",
     ),
     (
+        "split",
+        EMPTY + "bpy.ops.mesh.primitive_cylinder_add(vertices=64, depth=0.7)\n"
+        "bpy.ops.object.mode_set(mode='EDIT')\n"
+        "bpy.ops.mesh.select_all(action='SELECT')\n"
+        "bpy.ops.mesh.subdivide(number_cuts=4)\n"
+        "bpy.ops.object.mode_set(mode='OBJECT')\n"
+        "bpy.ops.object.shade_smooth_by_angle()",
+        "timescale.estimate_normals",
+    ),
+    (
         "samples",
         EMPTY + "bpy.ops.timescale.add_samples(shape='torus', count=3000, seed=1)\n"
         "bpy.context.scene.timescale_normals.show_normals = True",
@@ -54,6 +64,11 @@ STEPS = (
         "timescale.compare_delaunay",
     ),
     ("ratio", "bpy.context.scene.timescale_normals.color_by = 'log_ratio'", None),
+    (
+        "beside",
+        "bpy.context.scene.timescale_normals.color_by = 'angle_estimate'",
+        "timescale.side_by_side",
+    ),
     (
         "patch",
         EMPTY + "bpy.ops.timescale.add_samples(shape='bumpy', count=1500)\n"

@@ -10,8 +10,7 @@ import scenes
 from bl_ext.user_default.timescale_normals import core
 from bl_ext.user_default.timescale_normals.addon import bridge, coloring, overlay
 
-MEASURES = ["error_estimate", "error_baseline", "deviation", "log_ratio", "wins"]
-TRUTHLESS = {"error_estimate": "deviation"}
+MEASURES = list(core.comparison.MEASURES)
 
 
 def compare(**settings):
@@ -53,6 +52,47 @@ def test_range_is_that_of_the_last_color():
     bpy.ops.timescale.color_by(measure="error_estimate", limit=0.5)
     darker = scenes.get(obj, "ts_error_color")[:, :3].sum()
     assert darker < expected[:, :3].sum()
+
+
+def test_angles_are_kept_in_degrees():
+    obj = with_truth(scenes.sphere())
+    compare(truth="true_normal")
+    expected = errors(obj)
+    # Normals are kept in single precision.
+    for name, values in (
+        ("ts_angle", expected.angle_estimate),
+        ("delaunay_angle", expected.angle_baseline),
+    ):
+        np.testing.assert_allclose(scenes.get(obj, name), values, atol=1e-4)
+    compare()
+    between = scenes.get(obj, "ts_angle")
+    np.testing.assert_allclose(between, expected.angle_deviation, atol=1e-4)
+    assert "delaunay_angle" not in obj.data.attributes
+
+
+@pytest.mark.parametrize("measure", ["angle_estimate", "angle_deviation"])
+def test_legend_of_angles_is_in_degrees(measure):
+    obj = with_truth(scenes.sphere())
+    compare(truth="true_normal", color_by=measure, color_limit=2.0)
+    legend = overlay.legend_of(obj)
+    assert (legend.low, legend.middle, legend.high) == ("0°", "1°", "2°")
+
+
+def test_angle_that_needs_a_truth_falls_back_to_the_angle_between():
+    obj = scenes.sphere()
+    compare(color_by="angle_estimate")
+    assert obj.data.timescale_normals.color_by == "angle_deviation"
+
+
+def test_sureness_of_sides_is_colored_from_a_guess_to_certain():
+    obj = scenes.new_cloud(scenes.ball())
+    compare(color_by="side_confidence")
+    sure = scenes.get(obj, "ts_side_confidence")
+    expected = core.Comparison(sure, sure).colors("deviation", limit=1.0)
+    np.testing.assert_allclose(scenes.get(obj, "ts_error_color"), expected, atol=1e-4)
+    legend = overlay.legend_of(obj)
+    assert (legend.low, legend.high) == ("a guess", "certain")
+    assert len(legend.heights) == 40
 
 
 def test_settings_of_the_scene_recolor_at_once():
@@ -198,6 +238,125 @@ def test_viewports_show_attributes_and_come_back():
     scenes.select(obj)
     bpy.ops.timescale.clear_results()
     assert [(s.shading.type, s.shading.color_type) for s in spaces] == before
+
+
+# Side by side
+
+
+def beside():
+    return bpy.ops.timescale.side_by_side()
+
+
+def worn(obj):
+    """The colors that are seen of an object, (n, 4)."""
+    made = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    shown = made.evaluated_geometry()
+    data = shown.mesh if shown.mesh else shown.pointcloud
+    flat = np.empty(4 * len(data.attributes["ts_error_color"].data), np.float32)
+    data.attributes["ts_error_color"].data.foreach_get("color", flat)
+    return flat.reshape(-1, 4)
+
+
+def other_of(obj):
+    [other] = [o for o in bpy.data.objects if o.data == obj.data and o != obj]
+    return other
+
+
+@pytest.mark.parametrize("make", [scenes.sphere, lambda: scenes.new_cloud(FEW)])
+def test_both_methods_are_side_by_side_in_one_range(make):
+    obj = with_truth(make())
+    obj.location, obj.scale = (1, 2, 3), (2, 1, 1)
+    compare(truth="true_normal")
+    assert beside() == {"FINISHED"}
+    other = other_of(obj)
+    bpy.context.view_layer.update()
+    assert other.name == f"{obj.name} Delaunay"
+    step = np.array(other.matrix_world.translation - obj.matrix_world.translation)
+    # A gap of 15 % of its width, which is 4.
+    np.testing.assert_allclose(step, [4.6, 0, 0], atol=0.05)
+    found = coloring.read_comparison(obj)
+    limit = found.limits("error_baseline")[1]
+    assert limit > found.limits("error_estimate")[1]
+    for shown, measure in ((obj, "error_estimate"), (other, "error_baseline")):
+        expected = found.colors(measure, limit=limit)
+        np.testing.assert_allclose(worn(shown), expected, atol=1e-3)
+    assert overlay.legend_of(obj).title == "Error of Estimate, Delaunay"
+    assert bpy.context.object == obj
+    assert bpy.context.selected_objects == [obj]
+
+
+FEW = scenes.ball(400)
+
+
+def test_recoloring_keeps_both_sides():
+    obj = with_truth(scenes.sphere())
+    compare(truth="true_normal", color_by="angle_baseline")
+    beside()
+    found = coloring.read_comparison(obj)
+    high = found.limits("angle_baseline")[1]
+    np.testing.assert_allclose(
+        worn(other_of(obj)), found.colors("angle_baseline", limit=high), atol=1e-3
+    )
+    assert bpy.context.scene.timescale_normals.color_by == "angle_estimate"
+    bpy.ops.timescale.color_by(measure="error_estimate", limit=0.01)
+    for shown, measure in ((obj, "error_estimate"), (other_of(obj), "error_baseline")):
+        expected = found.colors(measure, limit=0.01)
+        np.testing.assert_allclose(worn(shown), expected, atol=1e-3)
+    bpy.ops.timescale.color_by(measure="wins")
+    np.testing.assert_array_equal(worn(other_of(obj)), worn(obj))
+
+
+@pytest.mark.parametrize("way", ["side_by_side", "clear_results", "hide_colors"])
+def test_what_is_beside_goes_without_a_trace(way):
+    obj = with_truth(scenes.sphere())
+    before = scenes.snapshot(obj)
+    compare(truth="true_normal")
+    compared = scenes.snapshot(obj)
+    beside()
+    assert getattr(bpy.ops.timescale, way)() == {"FINISHED"}
+    assert list(bpy.data.objects) == [obj]
+    assert "delaunay_error_color" not in obj.data.attributes
+    if way == "clear_results":
+        assert scenes.snapshot(obj) == before
+    else:
+        assert set(scenes.snapshot(obj)) == set(compared)
+        bpy.ops.timescale.hide_colors()
+    assert not bpy.data.node_groups
+    assert not bpy.data.materials
+
+
+def test_new_estimate_takes_what_is_beside_away():
+    obj = with_truth(scenes.sphere())
+    compare(truth="true_normal")
+    beside()
+    bpy.ops.timescale.estimate_normals()
+    assert list(bpy.data.objects) == [obj]
+    # Compared again, the estimate stays, and so does what is beside.
+    compare(truth="true_normal")
+    beside()
+    compare(truth="true_normal", color_by="angle_estimate")
+    found = coloring.read_comparison(obj)
+    high = found.limits("angle_baseline")[1]
+    expected = found.colors("angle_baseline", limit=high)
+    np.testing.assert_allclose(worn(other_of(obj)), expected, atol=1e-3)
+
+
+def test_modifiers_and_colors_of_an_earlier_look_stay():
+    obj = with_truth(scenes.sphere())
+    obj.modifiers.new("Bend", "SIMPLE_DEFORM")
+    compare(truth="true_normal", show_colors=True)
+    beside()
+    assert [m.name for m in other_of(obj).modifiers] == ["Bend", "Time-Scale Colors"]
+    beside()
+    assert [m.name for m in obj.modifiers] == ["Bend", "Time-Scale Colors"]
+
+
+def test_without_truth_there_are_no_errors_to_show(capfd):
+    obj = scenes.sphere(3)
+    compare()
+    assert beside() == {"CANCELLED"}
+    assert "errors need true normals" in capfd.readouterr().out
+    assert list(bpy.data.objects) == [obj]
 
 
 # What the overlay draws; drawing itself needs a window

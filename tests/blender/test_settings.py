@@ -34,7 +34,7 @@ def all_properties():
 @pytest.mark.parametrize("operator", ["estimate_normals", "compare_delaunay"])
 def test_defaults_and_choices_are_those_of_the_core(operator):
     found = properties(operator)
-    for name in ("method", "graph", "weights", "orientation"):
+    for name in ("method", "graph", "weights", "orientation", "nested"):
         assert found[name].default == FIELDS[name].default
         choices = tuple(item.identifier for item in found[name].enum_items)
         assert choices == FIELDS[name].metadata["choices"]
@@ -108,7 +108,15 @@ def test_operators_have_a_label_and_a_tooltip(operator):
 
 @pytest.mark.parametrize(
     "operator",
-    [*OPERATORS, "add_samples", "color_by", "show_colors", "hide_colors", "show_patch"],
+    [
+        *OPERATORS,
+        "add_samples",
+        "color_by",
+        "show_colors",
+        "hide_colors",
+        "side_by_side",
+        "show_patch",
+    ],
 )
 def test_operators_that_change_something_can_be_undone(operator):
     found = getattr(bpy.ops.timescale, operator)
@@ -130,6 +138,40 @@ def test_rows_of_the_panel_say_what_was_chosen():
     assert {len(row) for row in table} == {3}
     rms = next(row for row in table if row[0] == "RMS")
     assert rms[1] == f"{summary['comparison']['angle_estimate_rms']:.3g}°"
+
+
+def test_rows_of_a_split_mesh_have_points_and_normals():
+    bpy.ops.mesh.primitive_cube_add()
+    obj = bpy.context.object
+    bpy.ops.object.shade_smooth()
+    obj.data.edges.foreach_set("use_edge_sharp", np.ones(12, bool))
+    bpy.ops.timescale.estimate_normals()
+    rows = dict(panel.result_rows(panel.bridge.read_summary(obj)["estimate"]))
+    assert (rows["Points"], rows["Normals"]) == ("8", "24")
+    assert "Side Uncertain" not in rows
+
+
+def test_uncertain_sides_are_shown_with_their_warnings():
+    summary = {"points": 9, "valid": 9, "uncertain": 0.0712, "warnings": ["a " * 40]}
+    assert dict(panel.result_rows(summary))["Side Uncertain"] == "7.1 %"
+    lines = panel.warning_lines(summary, 300)
+    assert [line["icon"] for line in lines[:2]] == ["ERROR", "BLANK1"]
+    assert lines[0]["text"].startswith("A a")
+    assert not panel.warning_lines({"points": 9, "valid": 9}, 300)
+
+
+def test_warnings_of_an_estimate_are_reported(capfd):
+    # Two planes of points that cross: nobody can tell their sides.
+    rng = np.random.default_rng(0)
+    flat = rng.random((300, 3)) * [1, 1, 0]
+    obj = scenes.new_cloud(np.concatenate([flat, flat[:, [0, 2, 1]] + [0, 0.5, -0.5]]))
+    bpy.ops.timescale.estimate_normals()
+    found = panel.bridge.read_summary(obj)["estimate"]
+    out = capfd.readouterr().out
+    assert all(warning in out for warning in found["warnings"])
+    sure = scenes.get(obj, "ts_side_confidence")
+    assert ((sure >= 0) & (sure <= 1)).all()
+    assert abs((sure < 0.3).mean() - found["uncertain"]) < 0.01
 
 
 def test_rows_of_a_comparison_without_truth():

@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Custom normals of meshes: where edges part them, and how they are written.
+
+A part of the bridge, for which `bridge` is the door.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..core.faces import split_fans, unit
+from . import arrays
+from .arrays import BACKUP, CUSTOM_NORMAL, KINDS, Array, Kind
+
+# Marks the edges that were made sharp for normals in tangent space.
+_SHARPENED = ".timescale_sharp"
+
+
+@dataclass(frozen=True)
+class Fans:
+    """A mesh parted along edges; see `faces.split_fans`.
+
+    Attributes
+    ----------
+    corner : (c,) int
+        The fan of each corner of a face.
+    vertex : (f,) int
+        The vertex of each fan; the first fans are those of the vertices in order.
+    faces : (m, 3) int
+        Triangles of fans.
+    edges : (e,) bool
+        Which edges of the mesh part it.
+    """
+
+    corner: Array
+    vertex: Array
+    faces: Array
+    edges: Array
+
+
+# Reading
+
+
+def read_fans(mesh: Any, split: Collection[str]) -> Fans | None:
+    """Return how a mesh falls apart at its marks; None where it does not.
+
+    Parameters
+    ----------
+    split : some of "sharp", "seams", "materials"
+    """
+    edges = _marked_edges(mesh, split)
+    if not edges.any():
+        return None
+    ends = arrays.get(mesh.edges, Kind("vertices", np.int32, 2))[edges]
+    triangles, vertices = arrays.triangles(mesh), arrays.corner_vertices(mesh)
+    faces, vertex = split_fans(len(mesh.vertices), vertices[triangles], ends)
+    corner = np.empty(len(vertices), dtype=faces.dtype)
+    corner[triangles] = faces
+    return Fans(corner, vertex, faces, edges)
+
+
+def _marked_edges(mesh: Any, split: Collection[str]) -> Array:
+    marked: Array = np.zeros(len(mesh.edges), dtype=np.bool_)
+    if "sharp" in split:
+        marked |= _sharp_edges(mesh) & ~_sharpened(mesh)
+        flat = ~arrays.get(mesh.polygons, Kind("use_smooth", np.bool_, 1))
+        # All flat is what meshes start with, and no choice of anyone's.
+        if flat.any() and not flat.all():
+            marked[_edge_of_corner(mesh)[flat[_face_of_corner(mesh)]]] = True
+    if "seams" in split:
+        marked |= arrays.get(mesh.edges, Kind("use_seam", np.bool_, 1))
+    if "materials" in split and len(mesh.materials) > 1:
+        material = arrays.get(mesh.polygons, Kind("material_index", np.int32, 1))
+        marked |= _borders(mesh, material)
+    return marked
+
+
+def _borders(mesh: Any, values: Array) -> Array:
+    """Return which edges have faces of different values, (e,) bool."""
+    edge, here = _edge_of_corner(mesh), values[_face_of_corner(mesh)]
+    one = np.zeros(len(mesh.edges), dtype=values.dtype)
+    one[edge] = here
+    border: Array = np.zeros(len(mesh.edges), dtype=np.bool_)
+    border[edge[one[edge] != here]] = True
+    return border
+
+
+def _edge_of_corner(mesh: Any) -> Array:
+    return arrays.read(mesh, ".corner_edge", "INT", domain="CORNER")
+
+
+def _face_of_corner(mesh: Any) -> Array:
+    sizes = arrays.get(mesh.polygons, Kind("loop_total", np.int32, 1))
+    return np.repeat(np.arange(len(sizes)), sizes)
+
+
+def _sharp_edges(mesh: Any) -> Array:
+    return _flags(mesh, "sharp_edge")
+
+
+def _sharpened(mesh: Any) -> Array:
+    return _flags(mesh, _SHARPENED)
+
+
+def _flags(mesh: Any, name: str) -> Array:
+    if name not in mesh.attributes:
+        return np.zeros(len(mesh.edges), dtype=np.bool_)
+    return arrays.read(mesh, name, "BOOLEAN", domain="EDGE")
+
+
+def has_free(mesh: Any) -> bool:
+    """Whether the mesh has custom normals that are plain vectors."""
+    attribute = mesh.attributes.get(CUSTOM_NORMAL)
+    return attribute is not None and attribute.data_type == "FLOAT_VECTOR"
+
+
+# Mixing
+
+
+def mixed(mesh: Any, normals: Array, share: Array) -> Array:
+    """Mix normals into those that the corners have.
+
+    Parameters
+    ----------
+    normals : (c, 3) float
+    share : (c,) float
+        Of the given ones, 0 to 1.
+    """
+    before, share = arrays.corner_normals(mesh), share[:, None]
+    result = unit(share * normals + (1 - share) * before)
+    return np.where(share > 0, np.where(share < 1, result, normals), before)
+
+
+# Writing, when what was there is set aside
+
+
+def write_vertices(
+    mesh: Any, normals: Array, kept: Array, storage: str, before: Array | None
+) -> None:
+    """Write normals (n, 3) of vertices, but for corners kept, (c,) bool.
+
+    Parameters
+    ----------
+    before : (c, 3) float or None
+        The normals of the corners; None where none is kept.
+    """
+    if storage == "tangent_space":
+        _write_vertices_in_tangent_space(mesh, normals, kept)
+    elif before is None:
+        arrays.write(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", normals)
+    else:
+        # The corners of a kept vertex may differ, as on a cube.
+        corners = normals[arrays.corner_vertices(mesh)]
+        shown = np.where(kept[:, None], before, corners)
+        arrays.write(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", shown, domain="CORNER")
+
+
+def _write_vertices_in_tangent_space(mesh: Any, normals: Array, kept: Array) -> None:
+    """Write normals of vertices; zeros stand for what Blender computes itself."""
+    sharp = "sharp_edge" in mesh.attributes
+    mesh.normals_split_custom_set_from_vertices(_rows(normals))
+    if not sharp:
+        # Blender adds it here; with nothing marked it is as good as not there.
+        arrays.remove(mesh, "sharp_edge")
+    if kept.any():
+        _keep_bits(mesh, kept)
+
+
+def write_corners(
+    mesh: Any, normals: Array, kept: Array, storage: str, edges: Array | None
+) -> None:
+    """Write normals (c, 3) of corners.
+
+    Parameters
+    ----------
+    kept : (c,) bool
+        Corners whose normals are those from before.
+    edges : (e,) bool or None
+        Where the mesh is parted.
+    """
+    if storage == "free":
+        arrays.write(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", normals, domain="CORNER")
+        return
+    there, sharp = "sharp_edge" in mesh.attributes, _sharp_edges(mesh)
+    if edges is not None:
+        # Corners that no sharp edge separates share a tangent space and a normal.
+        _write_flags(mesh, "sharp_edge", sharp | edges)
+    mesh.normals_split_custom_set(_rows(normals))
+    # Blender sharpens more where corners differ.
+    made = _sharp_edges(mesh) & ~sharp
+    if made.any():
+        _write_flags(mesh, _SHARPENED, made)
+        mesh.timescale_normals.had_sharp_edges = there
+    elif not there:
+        arrays.remove(mesh, "sharp_edge")
+    touched = np.zeros(len(mesh.vertices), dtype=np.bool_)
+    touched[arrays.get(mesh.edges, Kind("vertices", np.int32, 2))[made]] = True
+    _keep_bits(mesh, kept & ~touched[arrays.corner_vertices(mesh)])
+
+
+def soften(mesh: Any) -> None:
+    """Take back the edges that were made sharp."""
+    if _SHARPENED not in mesh.attributes:
+        return
+    sharp = _sharp_edges(mesh) & ~_sharpened(mesh)
+    arrays.remove(mesh, _SHARPENED)
+    if sharp.any() or mesh.timescale_normals.had_sharp_edges:
+        _write_flags(mesh, "sharp_edge", sharp)
+    else:
+        arrays.remove(mesh, "sharp_edge")
+
+
+def _write_flags(mesh: Any, name: str, flags: Array) -> None:
+    if name in mesh.attributes:
+        arrays.put(mesh.attributes[name].data, KINDS["BOOLEAN"], flags)
+    else:
+        arrays.write(mesh, name, "BOOLEAN", flags, domain="EDGE")
+
+
+def _rows(normals: Array) -> Any:
+    """Return normals in the form that Blender reads fastest."""
+    rows = np.asarray(normals, dtype=np.float32)
+    # From 5.1 on, a list is twice as fast as an array.
+    return rows.tolist() if bpy.app.version >= (5, 1, 0) else rows
+
+
+def _keep_bits(mesh: Any, kept: Array) -> None:
+    """Bring back what some corners had in tangent space before.
+
+    Tangent spaces depend on shape and sharp edges alone: these bits still fit.
+    """
+    backup = mesh.attributes.get(BACKUP + CUSTOM_NORMAL)
+    if backup is not None and backup.data_type != "INT16_2D":
+        return
+    kind = KINDS["INT16_2D"]
+    values = arrays.get(mesh.attributes[CUSTOM_NORMAL].data, kind)
+    # Zeros stand for what Blender computes itself.
+    values[kept] = 0 if backup is None else arrays.get(backup.data, kind)[kept]
+    arrays.put(mesh.attributes[CUSTOM_NORMAL].data, kind, values)
