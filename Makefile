@@ -48,6 +48,11 @@ test-app: environment $(ZIP) ## the real program in a window; CHROOT=folder of t
 docs: environment $(ZIP) ## the pictures of docs/guide.md, in the real program; CHROOT as above
 	TIMESCALE_CHROOT=$(or $(CHROOT),/) $(CORE) docs/guide.py --zip $(ZIP)
 
+.PHONY: bench
+bench: ## time, memory and error next to peers, into docs/performance.md; OPTIONS=--large for 10M points
+	@PYTHONPATH=.ci $(PYTHON) tests/benchmarks/install.py
+	@PYTHONPATH=. .venv/bench/bin/python tests/benchmarks/speed.py --write $(OPTIONS)
+
 # Types are checked under the name of the package, whatever the checkout is called.
 lint: core-environment ## ruff and mypy
 	$(CORE) -m ruff check .

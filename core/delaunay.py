@@ -19,9 +19,6 @@ from .patch import principal_axes
 # points in all but a few of a thousand cases.
 _CANDIDATES = 24
 
-# Points at a time: arrays of 24 rows, in the cache.
-_CHUNK = 2048
-
 
 def delaunay_normals(
     points: ArrayLike,
@@ -80,8 +77,7 @@ def _star_normals(points):
     nearest = NearestNeighbors(points)
     count = min(_CANDIDATES, len(points) - 1)
     result = np.zeros(points.shape)
-    for start in range(0, len(points), _CHUNK):
-        rows = nearest.order[start : start + _CHUNK]
+    for rows in nearest.runs(count):
         index, distance = nearest.neighbors(rows, count)
         reach = np.where(distance[:, -1] > 0, distance[:, -1], 1)
         offsets = np.stack([(a[index.T] - a[rows]) / reach for a in points.T])

@@ -6,11 +6,13 @@ found on demand in a kd-tree so that nothing grows with the number of points, an
 rows of an adjacency matrix (Delaunay edges, mesh edges), grown by rings.
 """
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .blocks import LARGEST, Blocks
 from .inputs import FloatArray, InputError, IntArray, as_faces, as_points
 
 # scipy.spatial and scipy.sparse take longer to import than the rest of the core;
@@ -26,6 +28,7 @@ class NearestNeighbors:
 
     Attributes
     ----------
+    tree : scipy.spatial.cKDTree
     order : (n,) int
         The points leaf by leaf. Queries in this order share their path down the
         tree and the memory they gather from, which makes them twice as fast.
@@ -36,15 +39,22 @@ class NearestNeighbors:
     def __init__(self, points: FloatArray) -> None:
         from scipy.spatial import cKDTree
 
-        # A sliding-midpoint tree builds several times faster than a balanced one
-        # and answers as fast on surfaces.
+        # Halves of halves, each with a box around its own points: what Blocks need.
         self.tree = cKDTree(
-            points, leafsize=16, balanced_tree=False, compact_nodes=False
+            points, leafsize=LARGEST, balanced_tree=True, compact_nodes=True
         )
         self.points = points
         self.order = self.tree.indices
         self.rank = np.empty(len(points), dtype=np.int32)
         self.rank[self.order] = np.arange(len(points), dtype=np.int32)
+
+    @cached_property
+    def _blocks(self):
+        return Blocks(self.points[self.order])
+
+    def runs(self, count: int) -> list[IntArray]:
+        """Return all rows, run by run: so asked for, `count` neighbors come faster."""
+        return np.split(self.order, self._blocks.runs(count)[1:-1])
 
     def neighbors(
         self, rows: IntArray, count: int, *, radius: float | None = None
@@ -66,13 +76,37 @@ class NearestNeighbors:
         distance : (m, count) float64
             Zero where the point itself stands in.
         """
-        distance, index = self.tree.query(self.points[rows], k=count + 1)
+        index, distance = self._nearest(rows, count + 1)
         index, distance = self._without_self(rows, index, distance)
         if radius is not None:
             far = distance > radius
             index = np.where(far, rows[:, None], index)
             distance = np.where(far, 0.0, distance)
         return index, distance
+
+    def _nearest(self, rows, count):
+        """Return the nearest points, (m, count), of a run or of any rows."""
+        blocks = self._run(rows)
+        if blocks is None:
+            return self.tree.query(self.points[rows], k=count)[::-1]
+        place, distance, certain = self._blocks.search(blocks, count)
+        index = np.take(self.order, place)
+        if not certain.all():
+            left = np.flatnonzero(~certain)
+            found = self.tree.query(self.points[rows[left]], k=count)
+            distance[left], index[left] = found
+        return index, distance
+
+    def _run(self, rows):
+        """Return the blocks that the rows are a run of, or None."""
+        asked_for = len(rows) and "_blocks" in self.__dict__
+        if not asked_for or not self._blocks.useful:
+            return None
+        start = self.rank[rows[0]]
+        here = self.order[start : start + len(rows)]
+        if not np.array_equal(here, rows):
+            return None
+        return self._blocks.between(start, start + len(rows))
 
     @staticmethod
     def _without_self(rows, index, distance):

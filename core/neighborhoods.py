@@ -17,7 +17,7 @@ _CHUNK = 4096
 # Up to here the fits run in double precision; beyond, their time counts and the
 # spacing of so many points leaves rounding in single precision far below the error
 # of the patch.
-_DOUBLE_UP_TO = 200_000
+_DOUBLE_UP_TO = 50_000
 
 # Neighbors of `time_scale` when none are asked for: near twice the unknowns.
 _NEIGHBORS = 16
@@ -121,8 +121,7 @@ class Nearest(_Source):
 
     def chunks(self) -> list[IntArray]:
         """Return the rows chunk by chunk, leaf by leaf."""
-        order = self.nearest.order
-        return [order[at : at + _CHUNK] for at in range(0, len(order), _CHUNK)]
+        return self.nearest.runs(self.settings.neighbors)
 
     def _offsets(self, rows):
         index, distance = self.nearest.neighbors(
@@ -131,7 +130,8 @@ class Nearest(_Source):
         at, here = self.rank[index.T], self.rank[rows]
         offsets = np.empty((3, *at.shape))
         for axis in range(3):
-            np.take(self.sorted[axis], at, out=offsets[axis])
+            # Not "raise", which would make a copy of the result first.
+            np.take(self.sorted[axis], at, out=offsets[axis], mode="clip")
             offsets[axis] -= self.sorted[axis][here]
         reach = distance.max(axis=1)
         return self._scaled(offsets, reach), reach

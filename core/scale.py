@@ -17,8 +17,17 @@ CANDIDATES = {
 }
 _DEFAULT = ("cubic", 16)
 
-# Points that are asked: enough for a mean square within a few per cent.
-_SAMPLES = 1024
+# Points that are asked: enough for a mean square within a few per cent. Of a small
+# cloud a quarter is, and for at most as many neighbors.
+_SAMPLES, _EVERY = 1024, 4
+
+# Neighbors are looked up for steps to come as well, up to four times as many.
+_AHEAD = 4
+_MOST = max(max(steps) for _, _, steps in CANDIDATES.values())
+
+# With every step variance falls and bias grows: where the error is four times the
+# least before, bias has taken over, and the steps beyond are no better.
+_RISEN = 4
 
 # Slopes this uncertain (10 degrees) say that the chart itself has turned into the
 # noise: residuals no longer tell how wrong the normals are, only that they are.
@@ -40,58 +49,74 @@ def choose_scale(nearest: NearestNeighbors) -> tuple[str, int]:
     the slopes at k and at the step before: what exceeds the difference of the two
     variances is b(k) - b(k'), and as the leading bias of a patch of order p grows
     with the reach to the p, b(k') = b(k) (k'/k)^(p/2). Steps lost in the noise are
-    out of the choice.
+    out of the choice, and so are those beyond one where the error has risen.
     """
     best, least = (*_DEFAULT,), np.inf
+    asked = _Asked(nearest)
     for patch, (terms, order, steps) in CANDIDATES.items():
-        fitting = tuple(k for k in steps if 4 * k <= len(nearest.points))
-        for k, error, variance in _errors(nearest, terms, order, fitting):
+        fitting = tuple(k for k in steps if k <= len(nearest.points) // _EVERY)
+        lowest = np.inf
+        for k, error, variance in _errors(asked, terms, order, fitting):
             # Where all is lost in the noise, the least variance is the best bet.
             score = error if variance < _LOST else 1 + variance
             if score < least:
                 best, least = (patch, k), score
+            lowest = min(score, lowest)
+            if score > _RISEN * lowest:
+                break
     patch, neighbors = best
     return patch, min(neighbors, len(nearest.points) - 1)
 
 
-def _errors(nearest, terms, order, steps):
+def _errors(asked, terms, order, steps):
     """Yield k, mean square error and variance of the slopes at each step."""
-    if len(steps) < 2:
-        return
-    fits = _fits(nearest, terms, steps)
-    valid = np.logical_and.reduce([fit.valid for fit in fits])
-    if not valid.any():
-        return
-    # The median: patches across a crease or two sheets have residuals that are no
-    # noise.
-    variance = [
-        np.median(_variance(fit, k)[valid]) for fit, k in zip(fits, steps, strict=True)
-    ]
-    normals = [fit.normals()[valid] for fit in fits]
-    for i, k in enumerate(steps):
-        # The first step has none before it: its bias follows from the second's.
-        now = max(i, 1)
-        turned = 1 - (normals[now] * normals[now - 1]).sum(axis=1) ** 2
-        change = np.minimum(turned, _LOST).mean()
-        excess = max(0.0, change - (variance[now - 1] - variance[now]))
-        shrinks = (steps[now - 1] / steps[now]) ** (order / 2)
-        bias = excess / (1 - shrinks) ** 2 * (shrinks**2 if i == 0 else 1)
-        yield k, variance[i] + bias, variance[i]
+    valid, before = True, None
+    for k in steps:
+        fit = asked.fit(k, terms)
+        valid = valid & fit.valid
+        if not valid.any():
+            return
+        # The median: patches across a crease or two sheets have residuals that are
+        # no noise.
+        now = k, fit.normals(), np.median(_variance(fit, k)[valid])
+        if before is not None:
+            shrinks = (before[0] / k) ** (order / 2)
+            bias = _bias(before, now, valid, shrinks)
+            if before[0] == steps[0]:
+                # The first step has none before it: its bias follows from this one's.
+                yield before[0], before[2] + bias * shrinks**2, before[2]
+            yield k, now[2] + bias, now[2]
+        before = now
 
 
-def _fits(nearest, terms, steps):
-    """Return the patches of the points that are asked at each step."""
-    rows = nearest.order[:: max(1, len(nearest.points) // _SAMPLES)]
-    index, distance = nearest.neighbors(rows, steps[-1])
-    return [_fit(nearest, rows, index[:, :k], distance[:, k - 1], terms) for k in steps]
+def _bias(before, now, valid, shrinks):
+    """Return the squared bias of a step from what it changes."""
+    turned = 1 - (before[1] * now[1])[valid].sum(axis=1) ** 2
+    change = np.minimum(turned, _LOST).mean()
+    return max(0.0, change - (before[2] - now[2])) / (1 - shrinks) ** 2
 
 
-def _fit(nearest, rows, index, reach, terms):
-    offsets = nearest.points[index] - nearest.points[rows][:, None]
-    offsets /= np.where(reach > 0, reach, 1)[:, None, None]
-    return fit_patches(
-        np.ascontiguousarray(offsets.transpose(2, 1, 0)), reach, terms=terms
-    )
+class _Asked:
+    """The points that are asked, and their neighbors, looked up as steps need them."""
+
+    def __init__(self, nearest):
+        self.nearest = nearest
+        every = max(_EVERY, len(nearest.points) // _SAMPLES)
+        self.rows = nearest.order[::every]
+        self.index = self.distance = np.empty((0, 0))
+
+    def fit(self, k, terms):
+        """Return the Patches of all with k neighbors."""
+        if k > self.index.shape[1]:
+            count = min(_AHEAD * k, _MOST, len(self.nearest.points) // _EVERY)
+            self.index, self.distance = self.nearest.neighbors(self.rows, count)
+        index, reach = self.index[:, :k], self.distance[:, k - 1]
+        points = self.nearest.points
+        offsets = points[index] - points[self.rows][:, None]
+        offsets /= np.where(reach > 0, reach, 1)[:, None, None]
+        return fit_patches(
+            np.ascontiguousarray(offsets.transpose(2, 1, 0)), reach, terms=terms
+        )
 
 
 def _variance(patches: Patches, k: int) -> FloatArray:

@@ -18,6 +18,7 @@ CORE_ORDER = (
     "timescale",
     "surface",
     "faces",
+    "blocks",
     "graph",
     "patch",
     "scale",

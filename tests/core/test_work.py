@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How much work a point costs: counted, never timed.
+
+Milliseconds are measured by `make bench`; what a busy machine cannot change is here.
+"""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from core import Settings, blocks, delaunay_normals, estimate_normals, shapes
+
+FIXED = Settings(method="time_scale", neighbors=16, orientation="none", threads=1)
+
+
+@pytest.fixture
+def searches(monkeypatch):
+    """Count points searched for in kd-trees, and neighbors returned."""
+    counted = {"points": 0, "neighbors": 0}
+
+    class Counting(cKDTree):
+        def query(self, x, k=1, **options):
+            counted["points"] += len(x)
+            counted["neighbors"] += len(x) * k
+            return super().query(x, k=k, **options)
+
+    monkeypatch.setattr("scipy.spatial.cKDTree", Counting)
+    return counted
+
+
+def surface(count):
+    return shapes.BUMPY.sample(count, 1, even=False)[0]
+
+
+def test_few_points_are_searched_for_one_by_one(searches):
+    estimate_normals(surface(20_000), settings=FIXED)
+    assert searches["points"] < 0.1 * 20_000
+
+
+def test_choosing_a_scale_asks_a_thousand_points(searches):
+    points = surface(20_000)
+    estimate_normals(points, settings=Settings(orientation="none", threads=1))
+    # Below a tenth are the few of the test above.
+    assert searches["points"] < 0.1 * 20_000 + 4 * 1100
+
+
+def test_a_small_cloud_is_not_asked_whole(searches):
+    estimate_normals(surface(400), settings=Settings(orientation="none", threads=1))
+    assert searches["neighbors"] < 400 * 60
+
+
+def test_the_baseline_searches_as_little(searches):
+    delaunay_normals(surface(20_000))
+    assert searches["points"] < 0.1 * 20_000
+
+
+def test_where_blocks_are_of_no_use_every_point_is_searched_for_once(searches):
+    points = np.random.default_rng(0).normal(size=(5000, 3))
+    estimate_normals(
+        points,
+        settings=Settings(
+            method="time_scale", orientation="none", sheets=False, threads=1
+        ),
+    )
+    assert searches["points"] <= 5000 * 1.3
+
+
+def test_memory_per_point_does_not_grow():
+    """Beyond a fixed working set, bytes go with the points: 160 of them each.
+
+    Coordinates centered and sorted twice, order and rank, normals and what the
+    patches say of noise and misfit.
+    """
+    peaks = []
+    for count in (50_000, 200_000):
+        points = surface(count)
+        tracemalloc.start()
+        estimate_normals(points, settings=FIXED)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    grown = (peaks[1] - peaks[0]) / 150_000
+    assert grown < 200
+    assert peaks[0] - 50_000 * grown < 40e6
+
+
+def test_arrays_of_a_run_fit_into_the_cache(monkeypatch):
+    """No array of distances is larger than a megabyte, whatever the count."""
+    sizes = []
+    plain = blocks._least
+    monkeypatch.setattr(
+        blocks,
+        "_least",
+        lambda square, count: sizes.append(square.nbytes) or plain(square, count),
+    )
+    estimate_normals(surface(5000), settings=FIXED)
+    assert max(sizes) <= 2**20
