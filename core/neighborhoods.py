@@ -7,17 +7,12 @@ import numpy as np
 
 from .graph import NearestNeighbors, NeighborGraph
 from .inputs import FloatArray, InputError, IntArray
-from .patch import LEAST_NEIGHBORS, Patches, fit_patches
+from .patch import LEAST_NEIGHBORS, Patches, fit_patches, precision
 from .scale import choose_scale
 from .settings import PATCHES, Settings
 
 # Points whose patches are fitted in one go: their arrays stay in the cache.
 _CHUNK = 4096
-
-# Up to here the fits run in double precision; beyond, their time counts and the
-# spacing of so many points leaves rounding in single precision far below the error
-# of the patch.
-_DOUBLE_UP_TO = 50_000
 
 # Neighbors of `time_scale` when none are asked for: near twice the unknowns.
 _NEIGHBORS = 16
@@ -87,8 +82,7 @@ class _Source:
         self.points = points
         self.settings = settings
         self.paper = settings.method == "paper"
-        many = len(points) > _DOUBLE_UP_TO and not self.paper
-        self.dtype = np.float32 if many else np.float64
+        self.dtype = np.dtype(float) if self.paper else precision(len(points))
 
     def _offsets(self, rows):
         raise NotImplementedError

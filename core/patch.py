@@ -38,9 +38,18 @@ _FALL = 4.0
 # Neighbors a thousand times longer than wide are a line: no plane is theirs.
 _LINE = 1e-6
 
+# Up to here fits run in double precision; beyond, their time counts, and the spacing of
+# so many points leaves rounding in single precision far below the error of a patch.
+_DOUBLE_UP_TO = 50_000
+
 # Share of each pivot added to it: it keeps a solution finite where neighbors do not
 # determine all terms, and lies at the rounding of the sums it is added to.
 _RIDGE = {np.dtype(np.float32): 3e-6, np.dtype(np.float64): 1e-10}
+
+
+def precision(count: int) -> np.dtype:
+    """Return the dtype in which the neighborhoods of so many points are fitted."""
+    return np.dtype(np.float64 if count <= _DOUBLE_UP_TO else np.float32)
 
 
 @dataclass(frozen=True)

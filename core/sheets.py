@@ -21,7 +21,7 @@ import numpy as np
 
 from .graph import NearestNeighbors
 from .inputs import BoolArray, FloatArray, IntArray
-from .patch import CUBIC, Moments, cholesky_solve, tangent_axes
+from .patch import CUBIC, Moments, cholesky_solve, precision, tangent_axes
 
 QUADRATIC = CUBIC[:5]
 
@@ -60,8 +60,11 @@ _RIDGE_FITTING = 1e-4
 # Weights never vanish: a start on which nobody agrees must still have a patch.
 _LEAST_WEIGHT = 1e-9
 
+# Candidates nearer than that, in units of the farthest, count as being so far.
+_LEAST_DISTANCE = 1e-12
+
 # Points at a time: some fifty arrays of forty rows, in the cache.
-_CHUNK = 512
+_CHUNK = 1024
 
 
 @dataclass(frozen=True)
@@ -162,14 +165,21 @@ def separate(
 
 
 def _look_around(nearest, rows, index):
+    """Gather candidates in units of the farthest."""
+    dtype = precision(len(nearest.points))
     offsets = np.moveaxis(nearest.points[index] - nearest.points[rows], -1, 0)
     distance = np.sqrt((offsets * offsets).sum(axis=0))
-    return _Around(index, offsets, np.maximum(distance, np.finfo(float).tiny))
+    reach = np.where(distance[-1] > 0, distance[-1], 1)
+    offsets, distance = (
+        np.ascontiguousarray(a / reach, dtype=dtype) for a in (offsets, distance)
+    )
+    return _Around(index, offsets, np.maximum(distance, _LEAST_DISTANCE))
 
 
 def _one_stage(around, normals, rows, tolerance, stage):
     """Return new normals (3, m) and how many candidates agree with them, (m,)."""
-    own = normals[rows].T
+    dtype = around.offsets.dtype
+    own = np.ascontiguousarray(normals[rows].T, dtype=dtype)
     if stage == 0:
         starts = [own, *_planes(around)]
         best = _best_consensus(around, starts, tolerance, neighbors=None)
@@ -177,7 +187,9 @@ def _one_stage(around, normals, rows, tolerance, stage):
     else:
         # Fewer equations are needed where the neighbors' slopes add two each.
         reach = len(CUBIC) - 1
-        neighbors = np.moveaxis(normals[around.index], -1, 0)
+        neighbors = np.ascontiguousarray(
+            np.moveaxis(normals[around.index], -1, 0), dtype=dtype
+        )
         terms = CUBIC if stage == _ROUNDS else QUADRATIC
         best = _best_consensus(
             around, [own], tolerance, neighbors=neighbors, terms=terms
@@ -413,11 +425,21 @@ def _differentiated(term, which):
 
 def _derivative(x, y, terms, coefficients, which):
     """Return a derivative of patches at (k, m) places; (0, 0) is the height."""
-    total = np.zeros_like(x)
+    # Horner's rule: the terms of each power of x, by rising powers of y.
+    along_y: dict[int, dict[int, Any]] = {}
     for coefficient, term in zip(coefficients, terms, strict=True):
         factor, (i, j) = _differentiated(term, which)
         if factor:
-            total += factor * coefficient * x**i * y**j
+            along_y.setdefault(i, {})[j] = factor * coefficient
+    return _horner({i: _horner(along_y[i], y) for i in along_y}, x)
+
+
+def _horner(coefficients, x):
+    """Return the sum of coefficients[i] x^i over the i that are there."""
+    degree = max(coefficients)
+    total = coefficients[degree]
+    for i in range(degree - 1, -1, -1):
+        total = total * x + coefficients.get(i, 0.0)
     return total
 
 

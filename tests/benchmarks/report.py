@@ -36,24 +36,27 @@ def plot(path, results):
     import matplotlib
 
     matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib import pyplot, ticker
 
     clouds = [name for name in results if re.match(r"1M random|100k random", name)]
     if not clouds:
         return
     figure, axes = pyplot.subplots(figsize=(7, 4.2), dpi=130)
     for name, runs in results[clouds[-1]].items():
+        if name == "ours, Delaunay":
+            continue
         wall = statistics.median(run["wall"] for run in runs)
-        error = runs[0]["rmse"]
         ours = name.startswith("ours")
-        axes.loglog(wall, error, "o" if ours else "s", color="C3" if ours else "C7")
-        axes.annotate(
-            f" {name}", (wall, error), va="center", fontsize=8, rotation=20 * ours
-        )
+        color, shape = ("C3", "o") if ours else ("C7", "s")
+        axes.loglog(wall, runs[0]["rmse"], shape, color=color)
+        where = {"xytext": (3, 4), "textcoords": "offset points", "rotation": 50}
+        axes.annotate(name, (wall, runs[0]["rmse"]), fontsize=8, **where)
     axes.set_xlabel("seconds")
     axes.set_ylabel("root mean square angle, degrees")
     axes.set_title(f"Normals of the bumpy sphere, {clouds[-1]} points", fontsize=10)
-    axes.margins(x=0.25, y=0.15)
+    axes.margins(x=0.15, y=0.4)
+    for which in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
+        which(ticker.StrMethodFormatter("{x:g}"))
     axes.grid(alpha=0.3, which="major")
     figure.tight_layout()
     figure.savefig(path, metadata={"Software": None})
