@@ -186,14 +186,14 @@ class Kept:
 _kept = Kept()
 
 
-@persistent  # type: ignore[untyped-decorator]
+@persistent  # type: ignore[untyped-decorator]  # untyped in the stubs
 def _forget_changed(_scene: object, depsgraph: Any) -> None:
     for update in depsgraph.updates:
         if update.is_updated_geometry:
             _kept.forget(update.id.original.session_uid)
 
 
-@persistent  # type: ignore[untyped-decorator]
+@persistent  # type: ignore[untyped-decorator]  # untyped in the stubs
 def _forget_all(*_arguments: object) -> None:
     _kept.clear()
 
