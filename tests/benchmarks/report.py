@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Put what was measured into docs/performance.md, between its two marks."""
+"""Put what was measured into the pages of docs, each between two marks of its own."""
 
 import os
 import platform
@@ -7,16 +7,28 @@ import re
 import statistics
 import time
 
-BEGIN, END = "<!-- measured -->", "<!-- end of measured -->"
 PLOT = "images/performance.png"
 
 
+def replace_part(path, name, body):
+    """Put text into a page between `<!-- NAME -->` and `<!-- end of NAME -->`.
+
+    Both marks stand on lines of their own and stay; the text around them is by hand.
+    Raises ValueError when the page does not hold each of them once, in this order.
+    """
+    begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
+    page = path.read_text()
+    if page.count(begin) != 1 or page.count(end) != 1:
+        raise ValueError(f"expected {begin} and {end} once each in {path.name}")
+    head, _, rest = page.partition(begin)
+    _, found, tail = rest.partition(end)
+    if not found:
+        raise ValueError(f"expected {begin} before {end} in {path.name}")
+    path.write_text(f"{head}{begin}\n{body.strip()}\n{end}{tail}")
+
+
 def write(docs, tables, results, small, rounds):
-    """Write the tables and the plot; the text around them is written by hand."""
-    path = docs / "performance.md"
-    text = path.read_text()
-    head, _, rest = text.partition(BEGIN)
-    _, _, tail = rest.partition(END)
+    """Write the tables and the plot of docs/performance.md."""
     cores = os.cpu_count()
     parts = [
         f"{time.strftime('%Y-%m-%d')}, {platform.machine()}, {cores} cores, Python "
@@ -26,8 +38,7 @@ def write(docs, tables, results, small, rounds):
     ]
     for cloud, table in tables.items():
         parts += [f"### {cloud}", "\n".join(table)]
-    body = "\n\n".join(parts)
-    path.write_text(f"{head}{BEGIN}\n{body}\n{END}{tail}")
+    replace_part(docs / "performance.md", "measured", "\n\n".join(parts))
     plot(docs / PLOT, results)
 
 
