@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From points to normals: patches, sheets, faces, signs."""
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .faces import bump_correlation, fan_width, mean_edge, vertex_normals
+from .fitted import fit_all, in_threads
 from .inputs import (
     BoolArray,
     FloatArray,
@@ -20,21 +18,13 @@ from .inputs import (
     as_normals,
     as_points,
 )
+from .meshes import WIDER, wants_wider, with_faces
 from .neighborhoods import Nearest, neighborhoods, unique_points
 from .orientation import Orientation, find_orientation
 from .patch import LEAST_NEIGHBORS, Patches
 from .settings import Settings
 from .sheets import separate, suspects
 from .surface import GridSurface
-
-# A mesh is noisy when its vertices stray from patches by this share of an edge, which
-# clean and decimated ones do half as much, and neighbors do not bulge to one side, as
-# they do on a coarse mesh. Then patches reach over three rings.
-_NOISY, _ALIKE = 0.15, 0.2
-_WIDER = {"neighbors": 30, "patch": "biquadratic"}
-
-# Of a mesh's patch, see `_with_faces`.
-_WELL_FITTED, _WIDE_FAN, _BESIDE = 0.1, 0.5, 2.0
 
 # Share of the progress that is the estimate's; the rest is the orientation's.
 _FITTED = 0.8
@@ -247,16 +237,16 @@ def _estimate(points, faces, settings, report):
     """Estimate and orient the normals of centered points that differ."""
     asked = settings
     source, settings = neighborhoods(points, faces, asked)
-    fitted = _fit(source, report)
-    if _wants_wider(points, faces, fitted, asked):
-        source, settings = neighborhoods(points, faces, replace(asked, **_WIDER))
-        fitted = _fit(source, report)
+    fitted = fit_all(source, lambda share: report(_FITTED * share))
+    if wants_wider(points, faces, fitted, asked):
+        source, settings = neighborhoods(points, faces, replace(asked, **WIDER))
+        fitted = fit_all(source, lambda share: report(_FITTED * share))
     normals, valid = fitted.normals, fitted.valid
     separated = from_faces = 0
     if settings.sheets and isinstance(source, Nearest):
         normals, separated = _with_sheets(source, fitted)
     if faces is not None:
-        normals, valid, from_faces = _with_faces(points, faces, fitted, settings)
+        normals, valid, from_faces = with_faces(points, faces, fitted, settings)
     report(_FITTED)
     orientation = find_orientation(
         points,
@@ -281,40 +271,6 @@ def _estimate(points, faces, settings, report):
     )
 
 
-@dataclass(frozen=True)
-class _Fitted:
-    """What the patches of all points say: see Estimate and Patches, rows (n,)."""
-
-    normals: FloatArray
-    valid: BoolArray
-    misfit: FloatArray
-    noise: float
-    condition: FloatArray | None
-
-
-def _fit(source, report):
-    """Return the _Fitted of all points of a source."""
-    n = len(source.points)
-    normals, valid = np.zeros((n, 3)), np.zeros(n, dtype=bool)
-    misfit, noise = np.zeros((2, n), dtype=np.float32)
-    condition = np.full(n, np.inf) if source.paper else None
-
-    def work(rows):
-        patches = source.fit(rows)
-        normals[rows] = patches.normals(weights=source.settings.weights)
-        valid[rows] = patches.valid
-        misfit[rows] = patches.misfit
-        noise[rows] = patches.noise
-        if condition is not None:
-            condition[rows] = patches.condition
-
-    chunks = source.chunks()
-    for done in _in_threads(work, chunks, source.settings.threads):
-        report(_FITTED * done / len(chunks))
-    middle = float(np.median(noise[valid])) if valid.any() else 0.0
-    return _Fitted(normals, valid, misfit, middle, condition)
-
-
 def _with_sheets(source, fitted):
     """Return normals made from each point's own sheet, and for how many."""
     rows, noise = suspects(fitted.misfit, fitted.valid)
@@ -322,73 +278,13 @@ def _with_sheets(source, fitted):
         return fitted.normals, 0
 
     def run(work, chunks):
-        for _ in _in_threads(work, chunks, source.settings.threads):
+        for _ in in_threads(work, chunks, source.settings.threads):
             pass
 
     normals = separate(
         source.nearest, fitted.normals, fitted.misfit, rows, noise, run=run
     )
     return normals, len(rows)
-
-
-def _in_threads(work, items, threads):
-    """Call work(item) for every item and yield how many are done, in this thread.
-
-    The items say what is computed together, never the number of threads: results do
-    not depend on it.
-    """
-    threads = min(threads or os.cpu_count() or 1, len(items))
-    if threads == 1:
-        for done, item in enumerate(items, 1):
-            work(item)
-            yield done
-        return
-    pool = ThreadPoolExecutor(threads)
-    try:
-        futures = [pool.submit(work, item) for item in items]
-        for done, future in enumerate(futures, 1):
-            future.result()
-            yield done
-    finally:
-        # Reached with work left when the caller was cancelled: drop what waits.
-        pool.shutdown(cancel_futures=True)
-
-
-def _with_faces(points, faces, fitted, settings):
-    """Let the faces speak where a patch has too little to say.
-
-    Vertices without a valid patch take the mean of their faces' normals, weighted by
-    angle. Method "auto" also takes it where the patch is not clearly better founded:
-    where it misses the vertices by more than a tenth of what the faces turn, or leaves
-    them by more than twice as much, as between a few rows of vertices that leave it
-    room, or where the faces turn by more than half a radian, as at creases and on
-    coarse meshes. Under noise the faces are no guide, and patches stand.
-    """
-    guide = vertex_normals(points, faces, weights="angle")
-    has_face = (guide != 0).any(axis=1)
-    doubtful = ~fitted.valid
-    if settings.method == "auto" and not _is_noisy(points, faces, fitted):
-        width = fan_width(points, faces, guide)
-        doubtful |= (fitted.misfit > _WELL_FITTED * width) | (width > _WIDE_FAN)
-        away = np.linalg.norm(np.cross(fitted.normals, guide), axis=1)
-        doubtful |= away > _BESIDE * width
-    replaced = doubtful & has_face
-    normals = np.where(replaced[:, None], guide, fitted.normals)
-    return normals, fitted.valid | replaced, int(replaced.sum())
-
-
-def _wants_wider(points, faces, fitted, asked):
-    """Whether a noisy mesh was fitted with neighbors that nobody asked for."""
-    automatic = asked.method == "auto" and asked.neighbors is None
-    return faces is not None and automatic and _is_noisy(points, faces, fitted)
-
-
-def _is_noisy(points, faces, fitted):
-    """Whether the vertices stray far from smooth patches, each on its own account."""
-    return (
-        fitted.noise > _NOISY * mean_edge(points, faces)
-        and bump_correlation(points, faces) < _ALIKE
-    )
 
 
 def _check_spread(centered):

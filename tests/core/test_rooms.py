@@ -29,6 +29,8 @@ CORE_ORDER = (
     "orientation",
     "settings",
     "neighborhoods",
+    "fitted",
+    "meshes",
     "estimate",
     "delaunay",
     "comparison",
