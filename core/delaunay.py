@@ -9,10 +9,10 @@ References
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .chart import principal_axes
 from .faces import unit, vertex_normals
 from .graph import NearestNeighbors, delaunay_simplices
 from .inputs import FloatArray, InputError, as_faces, as_numbers, as_points
-from .patch import principal_axes
 
 # Candidates for the Delaunay star of a point. On even samples a star has six
 # vertices; on random ones, the farthest of its vertices is among the 24 nearest

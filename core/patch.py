@@ -8,8 +8,6 @@ the whole batch, and a point's result does not depend on who shares its batch.
 References
 ----------
 [1] See `timescale`.
-[2] T. Duff et al., "Building an Orthonormal Basis, Revisited", Journal of Computer
-    Graphics Techniques 6 (2017).
 """
 
 from dataclasses import dataclass
@@ -18,7 +16,9 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .inputs import BoolArray, FloatArray, IntArray, as_choice
+from .chart import principal_axes
+from .inputs import BoolArray, FloatArray, as_choice
+from .solver import RIDGE, Moments, cholesky_solve
 from .surface import GridSurface
 from .timescale import WEIGHTS, TimeScale
 
@@ -35,16 +35,9 @@ LEAST_NEIGHBORS = len(BIQUADRATIC)
 # a slope at the center, and nothing jumps when the farthest is another one.
 _FALL = 4.0
 
-# Neighbors a thousand times longer than wide are a line: no plane is theirs.
-_LINE = 1e-6
-
 # Up to here fits run in double precision; beyond, their time counts, and the spacing of
 # so many points leaves rounding in single precision far below the error of a patch.
 _DOUBLE_UP_TO = 50_000
-
-# Share of each pivot added to it: it keeps a solution finite where neighbors do not
-# determine all terms, and lies at the rounding of the sums it is added to.
-_RIDGE = {np.dtype(np.float32): 3e-6, np.dtype(np.float64): 1e-10}
 
 
 def precision(count: int) -> np.dtype:
@@ -236,120 +229,6 @@ def fit_patches(
     return Patches(u, v, normal, reach, x, y, z, terms, coefficients, misfit, valid)
 
 
-def principal_axes(
-    offsets: FloatArray, count: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """Return axes that follow each neighborhood.
-
-    Parameters
-    ----------
-    offsets : (3, k, m)
-    count : (m,) int
-        How many of the k are there.
-
-    Returns
-    -------
-    u, v, n : (3, m), of the dtype of `offsets`
-        Orthonormal and right-handed. n is the direction of least variance, u and v
-        lie between the other two principal axes, at 45 degrees to each.
-    spans : (m,) bool
-        Whether the neighborhood spans a plane.
-
-    Notes
-    -----
-    The terms of Eq. (2) span another space in other axes of the same plane, so axes
-    must come from the neighbors if patches are to turn with their points. Diagonals
-    of the principal axes serve best: along the greatest variance Eq. (2) lacks the
-    cube, which between the axes x^2 y and x y^2 stand in for; and at a border,
-    whose tangent is a principal axis, both time scales keep members on both sides.
-    """
-    # The point itself, at the origin, belongs to its neighborhood.
-    total = (count + 1).astype(offsets.dtype)
-    mean = offsets.sum(axis=1) / total
-    covariance = [
-        (np.einsum("km,km->m", offsets[i], offsets[j]) / total - mean[i] * mean[j])
-        for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-    ]
-    # Few numbers a point from here on: double precision costs little and tells a
-    # narrow neighborhood from a line.
-    covariance = [c.astype(np.float64) for c in covariance]
-    n, middle, largest = _least_eigenvectors(*covariance)
-    u, v = _turned_between(*tangent_axes(n), *covariance)
-    spans = (largest > 0) & (middle > _LINE * largest)
-    return *(axis.astype(offsets.dtype) for axis in (u, v, n)), spans
-
-
-def _turned_between(u, v, xx, xy, xz, yy, yz, zz):
-    """Turn axes (3, m) in their plane until both have the same variance."""
-    cu = (
-        xx * u[0] + xy * u[1] + xz * u[2],
-        xy * u[0] + yy * u[1] + yz * u[2],
-        xz * u[0] + yz * u[1] + zz * u[2],
-    )
-    along = sum(a * b for a, b in zip(u, cu, strict=True))
-    mixed = sum(a * b for a, b in zip(v, cu, strict=True))
-    across = (
-        xx * v[0] ** 2
-        + yy * v[1] ** 2
-        + zz * v[2] ** 2
-        + 2 * (xy * v[0] * v[1] + xz * v[0] * v[2] + yz * v[1] * v[2])
-    )
-    angle = np.arctan2(2 * mixed, along - across) / 2 + np.pi / 4
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return cosine * u + sine * v, cosine * v - sine * u
-
-
-def _least_eigenvectors(xx, xy, xz, yy, yz, zz):
-    """Solve symmetric 3 x 3 eigenproblems in closed form, array by array.
-
-    Returns
-    -------
-    vectors : (3, m), unit, of the smallest eigenvalue
-    middle, largest : (m,), the other eigenvalues
-    """
-    mean = (xx + yy + zz) / 3
-    a, b, c = xx - mean, yy - mean, zz - mean
-    spread = np.sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
-    safe = np.where(spread > 0, spread, 1)
-    determinant = (
-        a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
-    )
-    # det((A - mean)/spread)/2 is the cosine of three times the angle that gives the
-    # roots of the characteristic polynomial.
-    angle = np.arccos(np.clip(determinant / (2 * safe**3), -1, 1)) / 3
-    least = mean + 2 * spread * np.cos(angle + 2 * np.pi / 3)
-    largest = mean + 2 * spread * np.cos(angle)
-    middle = 3 * mean - least - largest
-    # A - least has rank two: the cross product of two of its rows is the vector, and
-    # the longest of the three is the one that rounding hurts least.
-    a, b, c = xx - least, yy - least, zz - least
-    crosses = (
-        (xy * yz - xz * b, xz * xy - a * yz, a * b - xy * xy),
-        (xy * c - xz * yz, xz * xz - a * c, a * yz - xy * xz),
-        (b * c - yz * yz, yz * xz - xy * c, xy * yz - b * xz),
-    )
-    best, *others = (np.stack(cross) for cross in crosses)
-    most = (best * best).sum(axis=0)
-    for cross in others:
-        square = (cross * cross).sum(axis=0)
-        best = np.where(square > most, cross, best)
-        most = np.maximum(square, most)
-    # A neighborhood alike in all directions has no such vector: any will do.
-    best[2, most == 0] = 1
-    return best / np.sqrt(np.where(most > 0, most, 1)), middle, largest
-
-
-def tangent_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return u, v that complete unit vectors (3, m) to right-handed charts [2]."""
-    x, y, z = normal
-    sign = np.where(z >= 0, 1, -1).astype(normal.dtype)
-    a = -1 / (sign + z)
-    b = x * y * a
-    u = np.stack([1 + sign * x * x * a, sign * b, -sign * x])
-    v = np.stack([b, sign + y * y * a, -y])
-    return u, v
-
-
 def _along(axis, offsets):
     """Return the coordinates of (3, k, m) offsets along axes (3, m), (k, m)."""
     result = axis[0] * offsets[0]
@@ -398,7 +277,7 @@ def _normal_equations(x, y, z, weights, terms):
     ]
     height = Moments(x, y, weights * z)
     right = [height(i, j) for i, j in terms]
-    ridge = x.dtype.type(_RIDGE[x.dtype])
+    ridge = x.dtype.type(RIDGE[x.dtype])
     for row, entries in enumerate(matrix):
         entries[row] = entries[row] * (1 + ridge)
     solution = cholesky_solve(matrix, right)
@@ -432,7 +311,7 @@ def solve_on_disk(
     weights = np.exp(-_FALL * radius**2)
     design = _design(x[:, None], y[:, None], terms)[0]
     weighted = design * weights[:, None]
-    ridge = _RIDGE[np.dtype(np.float64)]
+    ridge = RIDGE[np.dtype(np.float64)]
     normal = design.T @ weighted
     solve = np.linalg.solve(normal + ridge * np.diag(np.diag(normal)), weighted.T)
     # The noise of the point itself shifts all neighbors alike.
@@ -441,86 +320,3 @@ def solve_on_disk(
     left = np.trace(missed.T @ (weights[:, None] * missed) @ noise)
     slopes = np.trace(solve[:2] @ noise @ solve[:2].T)
     return float(slopes), float(left / (weights * radius**2).sum())
-
-
-class Moments:
-    """Sums w x^i y^j over the neighbors, each made once when it is asked for.
-
-    Parameters
-    ----------
-    x, y, weights : (k, m)
-    """
-
-    def __init__(self, x: FloatArray, y: FloatArray, weights: FloatArray) -> None:
-        self.x, self.y, self.weights = x, y, weights
-        self._weighted = [weights]
-        self._powers: list[FloatArray] = [y]
-        self._sums: dict[tuple[int, int], FloatArray] = {}
-
-    def __call__(self, i: int, j: int) -> FloatArray:
-        """Return the sum of w x^i y^j, (m,)."""
-        if (i, j) not in self._sums:
-            while len(self._weighted) <= i:
-                self._weighted.append(self._weighted[-1] * self.x)
-            while len(self._powers) < j:
-                self._powers.append(self._powers[-1] * self.y)
-            left = self._weighted[i]
-            self._sums[i, j] = (
-                np.einsum("km,km->m", left, self._powers[j - 1])
-                if j
-                else left.sum(axis=0)
-            )
-        return self._sums[i, j]
-
-
-def cholesky_solve(
-    matrix: list[list[FloatArray]], right: list[FloatArray]
-) -> list[FloatArray]:
-    """Solve symmetric positive systems, entry by entry over all points at once.
-
-    Parameters
-    ----------
-    matrix : lower triangle, matrix[i][j] (m,) for j <= i
-    right : list of (m,)
-
-    Returns
-    -------
-    list of (m,)
-    """
-    size = len(right)
-    factor, inverse = _cholesky(matrix)
-    forward: list[np.ndarray] = []
-    for i in range(size):
-        entry = right[i]
-        for t in range(i):
-            entry = entry - factor[i][t] * forward[t]
-        forward.append(entry * inverse[i])
-    solution = list(forward)
-    for i in reversed(range(size)):
-        entry = forward[i]
-        for t in range(i + 1, size):
-            entry = entry - factor[t][i] * solution[t]
-        solution[i] = entry * inverse[i]
-    return solution
-
-
-def _cholesky(matrix):
-    """Factor lower triangles; return the part below the diagonal, and 1/diagonal."""
-    factor: list[list[np.ndarray]] = []
-    inverse: list[np.ndarray] = []
-    for i, entries in enumerate(matrix):
-        row: list[np.ndarray] = []
-        for j in range(i):
-            entry = entries[j]
-            for t in range(j):
-                entry = entry - row[t] * factor[j][t]
-            row.append(entry * inverse[j])
-        pivot = entries[i]
-        for entry in row:
-            pivot = pivot - entry * entry
-        # Rounding may leave less than a ridge put there, or less than nothing.
-        dtype = pivot.dtype
-        floor = entries[i] * dtype.type(_RIDGE[dtype]) + np.finfo(dtype).tiny
-        inverse.append(1 / np.sqrt(np.maximum(pivot, floor)))
-        factor.append(row)
-    return factor, inverse

@@ -19,9 +19,11 @@ from typing import Any
 
 import numpy as np
 
+from .chart import tangent_axes
 from .graph import NearestNeighbors
 from .inputs import BoolArray, FloatArray, IntArray
-from .patch import CUBIC, Moments, cholesky_solve, precision, tangent_axes
+from .patch import CUBIC, precision
+from .solver import Moments, cholesky_solve
 
 QUADRATIC = CUBIC[:5]
 

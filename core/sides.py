@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .chart import tangent_axes
 from .graph import NearestNeighbors
 from .inputs import BoolArray, FloatArray, IntArray
-from .patch import tangent_axes
 from .poles import label_poles
 from .tree import spread_signs
 

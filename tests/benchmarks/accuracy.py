@@ -20,8 +20,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from core import Settings, compare_normals, estimate_normals
+from core.chart import principal_axes
 from core.graph import NearestNeighbors
-from core.patch import principal_axes
 
 NOISE = {"none": 0.0, "low": 0.00125, "medium": 0.006, "high": 0.012}
 PLANES = (18, 112, 450)

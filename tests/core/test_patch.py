@@ -7,15 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core import TimeScale
+from core.chart import principal_axes
 from core.patch import (
     BIQUADRATIC,
     CUBIC,
     _normal_equations,
     fit_patches,
     jumps,
-    principal_axes,
     solve_on_disk,
-    tangent_axes,
 )
 
 
@@ -153,26 +152,6 @@ def test_bundle_is_a_grid_over_the_neighbors():
     )
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_axes_lie_between_the_eigenvectors(dtype):
-    rng = np.random.default_rng(1)
-    offsets = rng.normal(size=(3, 30, 100)) * np.array([1, 0.5, 0.1])[:, None, None]
-    offsets = np.einsum(
-        "ij,jkm->ikm", np.linalg.qr(rng.normal(size=(3, 3)))[0], offsets
-    )
-    u, v, n, spans = principal_axes(offsets.astype(dtype), np.full(100, 30))
-    everyone = np.concatenate([offsets, np.zeros((3, 1, 100))], axis=1)
-    for i in range(100):
-        expected = np.linalg.eigh(np.cov(everyone[:, :, i]))[1]
-        rounding = 10 * float(np.finfo(dtype).eps)
-        assert abs(expected[:, 0] @ n[:, i]) == pytest.approx(1, abs=rounding)
-        # Between the other two: the diagonal.
-        assert abs(expected[:, 1] @ u[:, i]) == pytest.approx(0.5**0.5, abs=rounding)
-        assert abs(expected[:, 2] @ v[:, i]) == pytest.approx(0.5**0.5, abs=rounding)
-    np.testing.assert_allclose(np.cross(u, v, axis=0), n, atol=1e-6)
-    assert spans.all()
-
-
 def test_a_line_and_a_single_place_span_nothing():
     line = np.zeros((3, 10, 2))
     line[:, :, 0] = np.array([1, 2, 3])[:, None] * np.linspace(-1, 1, 10)
@@ -187,15 +166,3 @@ def test_seven_neighbors_are_too_few():
     offsets, _ = neighborhoods(count=9, m=2)
     offsets[:, 7:, 1] = 0
     np.testing.assert_array_equal(patches_of(offsets).valid, [True, False])
-
-
-@given(st.integers(0, 10**6))
-def test_tangent_axes_complete_a_right_handed_frame(seed):
-    n = np.random.default_rng(seed).normal(size=(3, 20))
-    n[:, 0] = [0, 0, -1]
-    n[:, 1] = [0, 0, 1]
-    n /= np.linalg.norm(n, axis=0)
-    u, v = tangent_axes(n)
-    np.testing.assert_allclose(np.cross(u, v, axis=0), n, atol=1e-12)
-    np.testing.assert_allclose((u * v).sum(axis=0), 0, atol=1e-12)
-    np.testing.assert_allclose((u * u).sum(axis=0), 1, atol=1e-12)

@@ -20,6 +20,8 @@ CORE_ORDER = (
     "faces",
     "blocks",
     "graph",
+    "chart",
+    "solver",
     "patch",
     "scale",
     "sheets",
