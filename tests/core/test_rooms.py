@@ -26,6 +26,8 @@ CORE_ORDER = (
     "scale",
     "sheets",
     "tree",
+    "nesting",
+    "winding",
     "poles",
     "sides",
     "orientation",
