@@ -4,10 +4,10 @@
 
     environment.py [core] [blender]
 
-`.venv/core` has numpy, scipy and the tools; `.venv/blender-X.Y` has Blender as a
-Python module and no scipy, so that the wheel inside the built zip is the one in
-use. Needs nothing but a Python of 3.8 or later. Ready environments are left
-alone, so a second call takes a moment.
+`.venv/core` has numpy, scipy, the tools and the optional libraries of the command
+line; `.venv/blender-X.Y` has Blender as a Python module and no scipy, so that the
+wheel inside the built zip is the one in use. Needs nothing but a Python of 3.8 or
+later. Ready environments are left alone, so a second call takes a moment.
 """
 
 import concurrent.futures
@@ -37,6 +37,9 @@ CORE = (
     "fake-bpy-module-latest==20261026",
     "scipy-stubs==1.17.*",
 )
+# What the command line uses where it is there. Added to an environment that is ready:
+# it is not made anew for them.
+OPTIONAL = ("laspy[lazrs]>=2.7,<3", "distributed>=2025.1")
 BLENDER = ("pytest>=9,<10",)
 
 # What the Blender module links against, and the Debian package that has it.
@@ -119,11 +122,11 @@ def stamp_text(python, requirements):
     return "\n".join((python, *requirements)) + "\n"
 
 
-def ready(name, requirements):
+def ready(name, requirements, stamp="stamp"):
     """Whether the environment was finished with these very requirements."""
     try:
-        with open(os.path.join(VENVS, name, "stamp")) as stamp:
-            python, _, rest = stamp.read().partition("\n")
+        with open(os.path.join(VENVS, name, stamp)) as file:
+            python, _, rest = file.read().partition("\n")
     except OSError:
         return False
     return os.path.exists(python) and rest == "\n".join(requirements) + "\n"
@@ -137,26 +140,41 @@ def run_logged(command, log):
 
 def make(name, python, requirements):
     """Make one environment anew; True when everything is installed."""
-    start = time.time()
     folder = os.path.join(VENVS, name)
     os.makedirs(VENVS, exist_ok=True)
-    log_path = folder + ".log"
-    pip = [os.path.join(folder, "bin", "python"), "-m", "pip", "install", "--retries=8"]
-    with open(log_path, "w") as log:
+    with open(folder + ".log", "w") as log:
         made = run_logged([python, "-m", "venv", "--clear", folder], log) == 0
+    if not made:
+        return failed(name)
+    return install(name, python, requirements, "stamp")
+
+
+def install(name, python, requirements, stamp):
+    """Install into an environment and leave a stamp; True when all of it is there."""
+    start = time.time()
+    folder = os.path.join(VENVS, name)
+    pip = [os.path.join(folder, "bin", "python"), "-m", "pip", "install", "--retries=8"]
+    with open(folder + ".log", "a") as log:
         # pip retries a request, not a download that breaks off in the middle.
-        for attempt in range(4 if made else 0):
+        for attempt in range(4):
             if run_logged(pip + list(requirements), log) == 0:
                 break
             time.sleep(5 * attempt)
         else:
-            say("  %s could not be made; the end of %s:" % (name, log_path))
-            say(tail(log_path))
-            return False
-    with open(os.path.join(folder, "stamp"), "w") as stamp:
-        stamp.write(stamp_text(python, requirements))
-    say("  made .venv/%s in %.0f s (%s)" % (name, time.time() - start, python))
+            return failed(name)
+    with open(os.path.join(folder, stamp), "w") as file:
+        file.write(stamp_text(python, requirements))
+    made = "made" if stamp == "stamp" else "added optional libraries to"
+    say("  %s .venv/%s in %.0f s (%s)" % (made, name, time.time() - start, python))
     return True
+
+
+def failed(name):
+    """Show the end of the log; False, for the caller to hand on."""
+    log_path = os.path.join(VENVS, name) + ".log"
+    say("  %s could not be made; the end of %s:" % (name, log_path))
+    say(tail(log_path))
+    return False
 
 
 def tail(path, lines=12):
@@ -243,6 +261,9 @@ def main(groups):
             say("Making %s:" % ", ".join(".venv/" + job[0] for job in todo))
         with concurrent.futures.ThreadPoolExecutor(2) as pool:
             done = list(pool.map(lambda job: make(*job), todo))
+        if all(done) and "core" in groups and not ready("core", OPTIONAL, "optional"):
+            python = next(job[1] for job in plan(["core"], pythons))
+            done.append(install("core", python, OPTIONAL, "optional"))
     return 0 if all(done) else 1
 
 
