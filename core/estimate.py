@@ -257,6 +257,7 @@ def _estimate(points, faces, settings, report):
         reference=settings.reference,
         nested=settings.nested,
         threads=settings.threads,
+        nearest=source.nearest if isinstance(source, Nearest) else None,
     )
     report(1.0)
     return Estimate(

@@ -168,14 +168,18 @@ def find_orientation(
     graph: NeighborGraph | None = None,
     nested: str = "cavity",
     threads: int | None = None,
+    nearest: NearestNeighbors | None = None,
 ) -> Orientation:
-    """Return the Orientation of checked arrays; see `orient_normals`."""
+    """Return the Orientation of checked arrays; see `orient_normals`.
+
+    `nearest` are the neighbors of the very points, where someone has asked before.
+    """
     as_choice(mode, MODES, name="orientation")
     as_choice(nested, NESTED, name="nested")
     if mode == "auto":
         mode = "poles" if faces is None else "faces"
     if mode == "poles":
-        found = _by_poles(points, normals, nested, threads)
+        found = _by_poles(points, normals, nested, threads, nearest)
         if found is not None:
             return found
         mode = "propagate"
@@ -205,11 +209,16 @@ def _guided(points, normals, mode, faces, viewpoint, reference):
     return _by_faces(points, normals, faces)
 
 
-def _by_poles(points, normals, nested, threads):
+def _by_poles(points, normals, nested, threads, nearest):
     """Orient by inside and outside; None where there is neither."""
     valid = (normals != 0).any(axis=1)
     rows = slice(None) if valid.all() else np.flatnonzero(valid)
-    sides = find_sides(points[rows], normals[rows], workers=threads or -1)
+    sides = find_sides(
+        points[rows],
+        normals[rows],
+        nearest=nearest if valid.all() else None,
+        workers=threads or -1,
+    )
     if sides is None:
         return None
     signs = np.ones(len(points), dtype=np.int8)

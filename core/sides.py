@@ -6,7 +6,10 @@ points are left out. What the poles say of these *representatives* is mended whe
 smooth surface around contradicts it, and taken back to all points.
 """
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -61,6 +64,9 @@ _CUT = 0.6
 
 _CHUNK = 100_000
 _FIT_CHUNK = 2048
+
+Result = TypeVar("Result")
+Other = TypeVar("Other")
 
 
 @dataclass(frozen=True)
@@ -125,8 +131,9 @@ def find_sides(
     reach = max(_REACH * noise, 2.5 * spacing)
     apart = max(_APART * reach, 1.5 * spacing) if noise else _TWIN * spacing
     if len(points) > most:
-        # Cells this wide are about as many as allowed where the cloud is even.
-        apart = max(apart, 0.9 * spacing * np.sqrt(len(points) / most))
+        # A surface at an angle meets three cells where an upright one meets two: so
+        # wide, they are about as many as allowed where the cloud is even.
+        apart = max(apart, 1.2 * spacing * np.sqrt(len(points) / most))
     chosen = representatives(points, apart, most)
     place, facing = points[chosen], normals[chosen]
     if noise:
@@ -134,23 +141,45 @@ def find_sides(
     solid, far = _solid(place, facing)
     if solid.sum() < _FEWEST:
         return None
-    labels = label_poles(place[solid], facing[solid], far[solid])
+
+    def look():
+        surface = Surface.through(place, facing)
+        heard = Hearing.of(
+            nearest, normals, place, facing, noise=noise, workers=workers
+        )
+        return surface, heard, surface.pieces()[heard.index[:, 0]]
+
+    labels, (surface, heard, piece) = _both(
+        lambda: label_poles(place[solid], facing[solid], far[solid]),
+        look,
+        apart=workers != 1,
+    )
     if labels is None:
         return None
     said, clarity = np.ones(len(chosen), dtype=np.int8), np.zeros(len(chosen))
     said[solid], clarity[solid] = labels.signs, labels.clarity
-    surface = Surface.through(place, facing)
     signs, sure = mend(surface, said, clarity, trust=0.3 if noise else 1.0)
-    outward = facing * signs[:, None]
-    found, confidence, nearest_one = _vote(
-        nearest, normals, place, outward, sure, noise=noise, workers=workers
-    )
+    found, confidence = heard.vote(signs, sure)
     if not noise:
         found[chosen], confidence[chosen] = signs, sure
-    piece = surface.pieces()[nearest_one]
     return Sides(
         found, confidence, noise, labels.open, piece, surface.disagreement(signs)
     )
+
+
+def _both(
+    first: Callable[[], Result], second: Callable[[], Other], *, apart: bool
+) -> tuple[Result, Other]:
+    """Return what both do, at the same time where they may run in threads apart.
+
+    The triangulation keeps one core busy; another has time for all the rest.
+    """
+    if not apart:
+        return first(), second()
+    with ThreadPoolExecutor(1) as pool:
+        begun = pool.submit(first)
+        done = second()
+        return begun.result(), done
 
 
 def _is_flat(points):
@@ -476,35 +505,58 @@ def _spread(surface, signs, settled, clarity, trust):
     return label[:m]
 
 
-def _vote(nearest, normals, place, outward, sure, *, noise, workers):
-    """Take signs from the representatives around each point.
+@dataclass(frozen=True)
+class Hearing:
+    """Which representatives each of n points hears, and how well, (n, k) each.
 
-    Returns
-    -------
-    signs : (n,) int8
-    confidence : (n,) float64
-    first : (n,) int
-        The nearest representative.
+    Attributes
+    ----------
+    index : int32
+        The nearest representatives, nearest first.
+    weight : float32
+        Largest for those on one sheet with the point, together at most 1; negative
+        where the normals, as they were given, point to opposite sides.
     """
-    points, order = nearest.points, nearest.order
-    n, count = len(points), min(6, len(place))
-    signs, confidence = np.ones(n, dtype=np.int8), np.zeros(n)
-    first = np.empty(n, dtype=np.int64)
-    tree = NearestNeighbors(place).tree
-    for at in range(0, n, _CHUNK):
-        # Points that are near each other ask the same leaves of the tree.
-        part = order[at : at + _CHUNK]
-        found = tree.query(points[part], k=count, workers=workers)
-        distance, index = (np.asarray(a) for a in found)
-        first[part] = index[:, 0]
-        far = np.maximum(distance[:, -1:], 1e-300)
-        facing = outward[index]
-        offset = points[part][:, None] - place[index]
-        height = np.einsum("mkc,mkc->mk", offset, facing) / (0.35 * far + 2 * noise)
-        weight = np.exp(-(height**2) - (distance / far) ** 2)
-        total = np.maximum(weight.sum(axis=1), 1e-300)
-        weight *= 0.05 + sure[index]
-        net = (weight * np.einsum("mkc,mc->mk", facing, normals[part])).sum(axis=1)
-        signs[part] = np.where(net < 0, -1, 1)
-        confidence[part] = np.minimum(np.abs(net) / total, 1)
-    return signs, confidence, first
+
+    index: IntArray
+    weight: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        nearest: NearestNeighbors,
+        normals: FloatArray,
+        place: FloatArray,
+        facing: FloatArray,
+        *,
+        noise: float,
+        workers: int = -1,
+    ) -> "Hearing":
+        """Look for the representatives, at `place` with normals `facing`, (m, 3)."""
+        points, order = nearest.points, nearest.order
+        shape = len(points), min(6, len(place))
+        all_index = np.empty(shape, dtype=np.int32)
+        all_weight = np.empty(shape, dtype=np.float32)
+        tree = NearestNeighbors(place).tree
+        for at in range(0, len(points), _CHUNK):
+            # Points that are near each other ask the same leaves of the tree.
+            part = order[at : at + _CHUNK]
+            here = points[part]
+            distance, index = tree.query(here, k=shape[1], workers=workers)
+            far = np.maximum(distance[:, -1:], 1e-300)
+            theirs = facing[index]
+            offset = here[:, None] - place[index]
+            height = np.einsum("mkc,mkc->mk", offset, theirs) / (0.35 * far + 2 * noise)
+            weight = np.exp(-(height**2) - (distance / far) ** 2)
+            weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
+            weight *= np.einsum("mkc,mc->mk", theirs, normals[part])
+            all_index[part], all_weight[part] = index, weight
+        return cls(all_index, all_weight)
+
+    def vote(self, signs: IntArray, sure: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return signs (n,) int8 and confidences (n,) by those of the m heard."""
+        said = (signs * (0.05 + sure)).astype(np.float32)
+        net = np.zeros(len(self.index), dtype=np.float64)
+        for column in range(self.index.shape[1]):
+            net += self.weight[:, column] * said[self.index[:, column]]
+        return np.where(net < 0, -1, 1).astype(np.int8), np.minimum(np.abs(net), 1)

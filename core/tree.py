@@ -68,12 +68,17 @@ def _lightest(count, edges, weight, sign):
     """Keep the lightest of the edges between two nodes, sorted by a key."""
     low, high = edges.min(axis=1).astype(np.int64), edges.max(axis=1)
     key = low * count + high
-    order = np.lexsort((weight, key))
+    order = np.argsort(key)
     key = key[order]
-    first = np.ones(len(key), dtype=bool)
-    first[1:] = key[1:] != key[:-1]
-    order = order[first]
-    return key[first], weight[order], sign[order]
+    again = key[1:] == key[:-1]
+    if again.any():
+        # Few edges have a twin: only these are sorted by weight too.
+        twin = np.append(False, again) | np.append(again, False)
+        rows = order[twin]
+        order[twin] = rows[np.lexsort((sign[rows], weight[rows], key[twin]))]
+        first = np.append(True, ~again)
+        key, order = key[first], order[first]
+    return key, weight[order], sign[order]
 
 
 def _parents(tree, roots, parts):
