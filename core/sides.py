@@ -542,7 +542,8 @@ class Hearing:
             # Points that are near each other ask the same leaves of the tree.
             part = order[at : at + _CHUNK]
             here = points[part]
-            distance, index = tree.query(here, k=shape[1], workers=workers)
+            found = tree.query(here, k=shape[1], workers=workers)
+            distance, index = (np.asarray(a) for a in found)
             far = np.maximum(distance[:, -1:], 1e-300)
             theirs = facing[index]
             offset = here[:, None] - place[index]
