@@ -53,6 +53,11 @@ bench: ## time, memory and error next to peers, into docs/performance.md; OPTION
 	@PYTHONPATH=.ci $(PYTHON) tests/benchmarks/install.py
 	@PYTHONPATH=. .venv/bench/bin/python tests/benchmarks/speed.py --write $(OPTIONS)
 
+.PHONY: bench-orientation
+bench-orientation: ## sides, time and memory next to peers, into docs/accuracy.md; OPTIONS="--meshes FOLDER"
+	@PYTHONPATH=.ci $(PYTHON) tests/benchmarks/install.py
+	@PYTHONPATH=. .venv/bench/bin/python tests/benchmarks/orientation.py --write $(OPTIONS)
+
 # Types are checked under the name of the package, whatever the checkout is called.
 lint: core-environment ## ruff and mypy
 	$(CORE) -m ruff check .

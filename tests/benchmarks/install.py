@@ -22,6 +22,7 @@ PEERS = {
     "pymeshlab": "pymeshlab>=2023.12",
     "point_cloud_utils": "point-cloud-utils>=0.30",
     "CGAL": "cgal>=6.0",
+    "vtk": "vtk>=9.3",
 }
 PYTHONS = ("3.12", "3.11", "3.13")
 
