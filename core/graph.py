@@ -84,6 +84,18 @@ class NearestNeighbors:
             distance = np.where(far, 0.0, distance)
         return index, distance
 
+    def others(self, count: int, points: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return distance and index of the nearest but the first, 2 x (m, count).
+
+        Parameters
+        ----------
+        points : (m, 3) float64
+            Some of the points: each is its own first.
+        """
+        found = self.tree.query(points, k=count + 1)
+        distance, index = (np.asarray(a)[:, 1:] for a in found)
+        return distance, index
+
     def _nearest(self, rows, count):
         """Return the nearest points, (m, count), of a run or of any rows."""
         blocks = self._run(rows)

@@ -29,6 +29,8 @@ CORE_ORDER = (
     "nesting",
     "winding",
     "poles",
+    "mending",
+    "pieces",
     "sides",
     "orientation",
     "settings",
