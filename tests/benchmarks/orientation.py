@@ -4,7 +4,7 @@
     make bench-orientation OPTIONS="[CASE ...] [--meshes FOLDER]"
 
 Every method gets every cloud of `stress` once, in a process of its own that is stopped
-after `--limit` seconds. What came out is kept in build/orientation, case by case, so
+after `--limit` seconds of CPU time. What came out is kept in build/orientation, case by case, so
 that a part can be run again; `--write` puts all of it into docs/accuracy.md.
 """
 
@@ -12,7 +12,9 @@ import argparse
 import importlib.util
 import json
 import os
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -26,6 +28,8 @@ import stress
 
 ROOT = Path(__file__).resolve().parents[2]
 STORE = ROOT / "build" / "orientation"
+# Of the limit in wall time, for who waits without working.
+_PATIENCE = 5
 
 
 def main():
@@ -72,7 +76,7 @@ def _options():
     parser.add_argument("names", nargs="*", help="cases to run; all by default")
     parser.add_argument("--meshes", type=Path, help="folder of the four meshes")
     parser.add_argument("--only", nargs="+", choices=orienters.METHODS)
-    parser.add_argument("--limit", type=float, default=120, help="seconds of a run")
+    parser.add_argument("--limit", type=int, default=120, help="CPU s of a run")
     parser.add_argument("--write", action="store_true", help="docs/accuracy.md")
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
     return parser.parse_args()
@@ -87,14 +91,21 @@ def _run(method, path, limit):
     command = [sys.executable, __file__, "--one", method, str(path)]
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=limit
+            command,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=_PATIENCE * limit,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
         )
     except subprocess.TimeoutExpired:
-        return {"failed": f"over {limit:g} s"}
+        return {"failed": f"over {limit} s"}
+    if done.returncode == -signal.SIGXCPU:
+        return {"failed": f"over {limit} s"}
     line = next((a for a in done.stdout.splitlines() if a[:1] == "@"), None)
     if line is None:
         # Killed by the system: that is what happens when memory is used up.
-        return {"failed": "killed" if done.returncode == -9 else "crashed"}
+        return {"failed": "killed" if done.returncode == -signal.SIGKILL else "crashed"}
     return json.loads(line[1:])
 
 
