@@ -4,8 +4,8 @@
     make bench-orientation OPTIONS="[CASE ...] [--meshes FOLDER]"
 
 Every method gets every cloud of `stress` once, in a process of its own that is stopped
-after `--limit` seconds of CPU time. What came out is kept in build/orientation, case by case, so
-that a part can be run again; `--write` puts all of it into docs/accuracy.md.
+after `--limit` seconds of CPU time. What came out is kept in build/orientation, case by
+case, so that a part can be run again; `--write` puts all of it into docs/accuracy.md.
 """
 
 import argparse
@@ -89,6 +89,8 @@ def _installed(name):
 def _run(method, path, limit):
     """Return what a method made of a cloud, or why there is nothing."""
     command = [sys.executable, __file__, "--one", method, str(path)]
+    # At the second bound a process is killed as one that took all memory is.
+    bounds = (limit, limit + 10)
     try:
         done = subprocess.run(
             command,
@@ -96,7 +98,7 @@ def _run(method, path, limit):
             text=True,
             check=False,
             timeout=_PATIENCE * limit,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, bounds),
         )
     except subprocess.TimeoutExpired:
         return {"failed": f"over {limit} s"}

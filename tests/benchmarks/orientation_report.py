@@ -24,8 +24,8 @@ def write(docs, found, store, limit):
     methods = list(dict.fromkeys(m for case in found.values() for m in case["runs"]))
     about = (
         f"{time.strftime('%Y-%m-%d')}, {platform.machine()}, {os.cpu_count()} cores, "
-        f"Python {platform.python_version()}. A run is stopped after {limit} seconds of "
-        "CPU time."
+        f"Python {platform.python_version()}. A run is stopped after {limit} seconds "
+        "of CPU time."
     )
     plot(docs / PLOT, methods, store)
     parts = [about, _sides(methods, found), f"![Wrong sides in red]({PLOT})"]
