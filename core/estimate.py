@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .fitted import fit_all, in_threads
+from .guides import reference_normals
 from .inputs import (
     BoolArray,
     FloatArray,
     InputError,
     IntArray,
     as_faces,
-    as_normals,
     as_points,
 )
 from .meshes import WIDER, wants_wider, with_faces
@@ -25,6 +25,7 @@ from .patch import LEAST_NEIGHBORS, Patches
 from .settings import Settings
 from .sheets import separate, suspects
 from .surface import GridSurface
+from .winding import Winding, find_flipped_faces
 
 # Share of the progress that is the estimate's; the rest is the orientation's.
 _FITTED = 0.8
@@ -53,6 +54,8 @@ class Estimate:
         in object units, the median over all patches.
     orientation : Orientation
         How the sides were found, and how sure they are.
+    winding : Winding or None
+        Which faces were turned over before, where settings asked for it.
     """
 
     normals: FloatArray
@@ -63,6 +66,7 @@ class Estimate:
     separated: int = 0
     noise: float = 0.0
     orientation: Orientation | None = None
+    winding: Winding | None = None
     _input: tuple[FloatArray, IntArray | None] | None = field(default=None, repr=False)
 
     def patches(self, rows: ArrayLike) -> Patches:
@@ -113,6 +117,7 @@ class Estimate:
             "separated": self.separated,
             "graph": self.settings.graph,
             "weights": self.settings.weights,
+            "flipped_faces": 0 if self.winding is None else self.winding.turned,
         } | ({} if self.orientation is None else self.orientation.summary())
 
     @property
@@ -185,7 +190,11 @@ def estimate_normals(
     center = points.mean(axis=0)
     centered = points - center
     _check_spread(centered)
-    settings = _about(asked, center, len(points))
+    settings = _about(asked, center, points)
+    winding = None
+    if faces is not None and settings.winding == "repaired":
+        winding = find_flipped_faces(centered, faces, nested=settings.nested)
+        faces = winding.repaired(faces)
     if settings.method == "paper":
         settings = replace(settings, weights="paper", sheets=False)
     report = progress or _silent
@@ -194,7 +203,10 @@ def estimate_normals(
     if kept is None or inverse is None:
         estimate = _estimate(centered, faces, settings, report)
         return replace(
-            estimate, settings=_as_asked(estimate, asked), _input=(points, faces)
+            estimate,
+            settings=_as_asked(estimate, asked),
+            winding=winding,
+            _input=(points, faces),
         )
     if len(kept) <= LEAST_NEIGHBORS:
         raise InputError(
@@ -305,13 +317,13 @@ def _check_spread(centered):
         )
 
 
-def _about(settings, center, count):
+def _about(settings, center, points):
     """Return the settings with their positions relative to `center`, checked."""
     viewpoint, reference = settings.viewpoint, settings.reference
     if viewpoint is not None:
         viewpoint = np.asarray(viewpoint, dtype=np.float64) - center
     if reference is not None:
-        reference = as_normals(reference, count, name="reference normals")
+        reference = reference_normals(reference, points)
     return replace(settings, viewpoint=viewpoint, reference=reference)
 
 

@@ -8,16 +8,15 @@ References
 [2] See `poles`.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .faces import vertex_normals
 from .graph import NearestNeighbors, NeighborGraph
+from .guides import agreeing, face_directions, reference_normals, toward
 from .inputs import (
     FloatArray,
-    InputError,
     IntArray,
     as_choice,
     as_faces,
@@ -26,6 +25,10 @@ from .inputs import (
 )
 from .sides import Sides, find_sides
 from .tree import spread_signs
+from .winding import NESTED, count_inconsistent
+
+# Normals (n, 3), or the vertices and faces of a mesh.
+Reference = ArrayLike | tuple[ArrayLike, ArrayLike]
 
 MODES = (
     "auto",
@@ -37,9 +40,6 @@ MODES = (
     "reference",
     "none",
 )
-
-# What a piece inside another one is: the wall of a cavity, or a body of its own.
-NESTED = ("cavity", "outward")
 
 # Neighbors in the graph along which signs spread.
 _NEIGHBORS = 10
@@ -65,6 +65,8 @@ class Orientation:
         0 (a guess) to 1 (all evidence agrees); 1 where a guide decided.
     disagreeing : float
         Share of the neighbors on one smooth surface that face opposite sides.
+    inconsistent : int
+        Edges whose faces wind against each other, where faces decided.
     warnings : tuple of str
         Sentences that say where the evidence is thin.
     """
@@ -74,6 +76,7 @@ class Orientation:
     pieces: int
     confidence: FloatArray = field(default_factory=lambda: np.ones(0))
     disagreeing: float = 0.0
+    inconsistent: int = 0
     warnings: tuple[str, ...] = ()
 
     @property
@@ -90,6 +93,7 @@ class Orientation:
             "pieces": self.pieces,
             "turned": int((self.signs < 0).sum()),
             "disagreeing": self.disagreeing,
+            "inconsistent": self.inconsistent,
             "uncertain": self.uncertain,
             "warnings": list(self.warnings),
         }
@@ -102,7 +106,7 @@ def orient_normals(
     mode: str = "auto",
     faces: ArrayLike | None = None,
     viewpoint: ArrayLike | None = None,
-    reference: ArrayLike | None = None,
+    reference: Reference | None = None,
     graph: NeighborGraph | None = None,
     nested: str = "cavity",
 ) -> FloatArray:
@@ -121,11 +125,12 @@ def orient_normals(
         piece turned so that its outermost points look out.
         "viewpoint": toward a point. "outward": away from the center of each piece.
         "faces": to the side on which the faces wind counterclockwise.
-        "reference": to the side of given normals. "none": as they are.
+        "reference": to the side of given normals or of a mesh. "none": as they are.
     faces : (m, 3) array_like of int, optional
     viewpoint : (3,) or (n, 3) array_like of float, optional
         One point for all, or one for each (a sensor's path).
-    reference : (n, 3) array_like of float, optional
+    reference : (n, 3) array_like of float, or (vertices, faces), optional
+        Normals, or a mesh, of which the nearest place counts.
     graph : NeighborGraph, optional
         Where signs may spread under "propagate"; by default the ten nearest
         neighbors.
@@ -164,7 +169,7 @@ def find_orientation(
     mode: str,
     faces: IntArray | None = None,
     viewpoint: ArrayLike | None = None,
-    reference: ArrayLike | None = None,
+    reference: Reference | None = None,
     graph: NeighborGraph | None = None,
     nested: str = "cavity",
     threads: int | None = None,
@@ -185,28 +190,37 @@ def find_orientation(
         mode = "propagate"
     if mode in ("propagate", "outward"):
         return _by_pieces(points, normals, mode, graph)
-    return Orientation(
-        _guided(points, normals, mode, faces, viewpoint, reference),
-        mode,
-        0,
-        (normals != 0).any(axis=1).astype(np.float64),
-    )
-
-
-def _guided(points, normals, mode, faces, viewpoint, reference):
-    """Return the signs that agree with what was given, (n,) int8."""
     if mode == "none":
-        return np.ones(len(points), dtype=np.int8)
+        return _decided(points, normals, mode)
     if mode == "viewpoint":
-        return _toward(points, normals, viewpoint)
+        return _decided(points, normals, mode, toward(points, viewpoint))
     if mode == "reference":
-        if reference is None:
-            raise InputError('expected reference normals for orientation "reference"')
-        reference = as_normals(reference, len(points), name="reference normals")
-        return _agreeing(normals, reference)
-    if faces is None:
-        raise InputError('expected faces for orientation "faces", got none')
+        return _decided(points, normals, mode, reference_normals(reference, points))
     return _by_faces(points, normals, faces)
+
+
+def _decided(points, normals, mode, directions=None):
+    """Agree with directions (n, 3) as a guide has them, or leave sides as they are."""
+    # No direction at all leaves every side as it is.
+    signs = agreeing(normals, 0 * normals if directions is None else directions)
+    sure = (normals != 0).any(axis=1).astype(np.float64)
+    return Orientation(signs, mode, 0, sure)
+
+
+def _by_faces(points, normals, faces):
+    """Agree with the faces, and say where these do not agree with each other."""
+    found = _decided(points, normals, "faces", face_directions(points, faces))
+    inconsistent = count_inconsistent(faces, len(points))
+    if not inconsistent:
+        return found
+    return replace(
+        found,
+        inconsistent=inconsistent,
+        warnings=(
+            f"{inconsistent:,} edges join faces that wind against each other: the side "
+            "there is that of most of the faces around.",
+        ),
+    )
 
 
 def _by_poles(points, normals, nested, threads, nearest):
@@ -233,7 +247,7 @@ def _by_poles(points, normals, nested, threads, nearest):
         int(sides.piece.max()) + 1,
         confidence,
         sides.disagreeing,
-        _warnings(sides),
+        warnings=_warnings(sides),
     )
 
 
@@ -265,7 +279,7 @@ def _by_pieces(points, normals, mode, graph):
     if mode == "propagate":
         signs = tree * _looking_out(points, normals * tree[:, None], labels)[labels]
     else:
-        signs = _agreeing(normals, points - _centers(points, labels)[labels])
+        signs = agreeing(normals, points - _centers(points, labels)[labels])
     valid = (normals != 0).any(axis=1)
     apart = relation * signs[edges[:, 0]] * signs[edges[:, 1]] < 0
     return Orientation(
@@ -285,34 +299,6 @@ def _support(count, edges, weight, apart):
     against = np.bincount(ends, both * np.repeat(apart, 2), minlength=count)
     share = np.divide(against, total, out=np.full(count, 0.5), where=total > 0)
     return np.abs(1 - 2 * share)
-
-
-def _agreeing(normals, directions):
-    """Return the signs that turn normals to the side of the directions, (n,) int8."""
-    return np.where((normals * directions).sum(axis=1) < 0, -1, 1).astype(np.int8)
-
-
-def _toward(points, normals, viewpoint):
-    if viewpoint is None:
-        raise InputError('expected a viewpoint for orientation "viewpoint", got none')
-    viewpoint = np.asarray(viewpoint, dtype=np.float64)
-    if viewpoint.shape not in ((3,), points.shape) or not np.isfinite(viewpoint).all():
-        raise InputError(
-            f"expected a finite viewpoint of shape (3,) or {points.shape}, "
-            f"got {viewpoint.shape}"
-        )
-    return _agreeing(normals, viewpoint - points)
-
-
-def _by_faces(points, normals, faces):
-    """Agree with the faces; loose vertices agree with the nearest that has one."""
-    guide = vertex_normals(points, faces, weights="angle")
-    has_face = (guide != 0).any(axis=1)
-    if has_face.any() and not has_face.all():
-        guided = np.flatnonzero(has_face)
-        _, at = NearestNeighbors(points[guided]).tree.query(points[~has_face])
-        guide[~has_face] = guide[guided[at]]
-    return _agreeing(normals, guide)
 
 
 def _between_valid(graph, normals):

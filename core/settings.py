@@ -4,12 +4,14 @@
 from dataclasses import dataclass, field, fields
 
 from .inputs import InputError, as_choice
-from .orientation import MODES, NESTED
+from .orientation import MODES
 from .patch import BIQUADRATIC, CUBIC, LEAST_NEIGHBORS
 from .timescale import WEIGHTS
+from .winding import NESTED
 
 PATCHES = {"biquadratic": BIQUADRATIC, "cubic": CUBIC}
 METHODS = ("auto", "time_scale", "paper")
+WINDINGS = ("as_is", "repaired")
 GRAPHS = ("auto", "nearest", "delaunay", "mesh")
 
 
@@ -72,11 +74,19 @@ class Settings:
         "that face outward",
         choices=NESTED,
     )
+    winding: str = _setting(
+        "as_is",
+        "Faces that wind against the others, or inward: left as they are, or turned "
+        "over before anything else",
+        choices=WINDINGS,
+    )
     viewpoint: object = _setting(
         None, "Where normals should face with orientation viewpoint: (3,) or (n, 3)"
     )
     reference: object = _setting(
-        None, "Normals to agree with under orientation reference: (n, 3)"
+        None,
+        "What to agree with under orientation reference: normals (n, 3), or the "
+        "vertices and faces of a mesh",
     )
     threads: int | None = _setting(
         None, "Threads at work; None takes all cores", limits=(1, 1024)

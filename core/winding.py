@@ -62,6 +62,11 @@ class Winding:
     nonmanifold: int
     border: int
 
+    @property
+    def turned(self) -> int:
+        """How many triangles are flipped."""
+        return int(self.flipped.sum())
+
     def repaired(self, faces: IntArray) -> IntArray:
         """Return the triangles (m, 3) with the flipped ones turned over."""
         return np.where(self.flipped[:, None], faces[:, ::-1], faces)
@@ -128,7 +133,7 @@ def find_flipped_faces(
 
 
 def count_inconsistent(faces: IntArray, count: int) -> int:
-    """Return how many edges triangles run along in one direction more than once.
+    """Return how many edges of two triangles these run along in the same direction.
 
     Parameters
     ----------
@@ -138,7 +143,10 @@ def count_inconsistent(faces: IntArray, count: int) -> int:
     """
     key = (faces * np.int64(count) + np.roll(faces, -1, axis=1)).ravel()
     key.sort()
-    return int((key[1:] == key[:-1]).sum())
+    if not (key[1:] == key[:-1]).any():
+        # So it is with most meshes, and quickly said.
+        return 0
+    return int((_Sides.of(count, faces).pairs[1] < 0).sum())
 
 
 @dataclass(frozen=True)

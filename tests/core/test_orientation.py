@@ -3,8 +3,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
-from core import InputError, orient_normals, shapes
+from core import InputError, Settings, estimate_normals, orient_normals, shapes
+from core.faces import face_vectors
 
 
 def scrambled(normals, seed=0):
@@ -59,6 +61,55 @@ def test_reference_and_none():
     np.testing.assert_array_equal(orient_normals(points, mixed, mode="none"), mixed)
 
 
+def test_a_mesh_as_reference():
+    points, normals, _ = shapes.SPHERE.sample(2000, 1, even=False)
+    mixed = scrambled(normals)
+    # A cube of twelve large triangles around the sphere, wound inward.
+    corner = np.array(np.meshgrid(*[[-2.0, 2.0]] * 3, indexing="ij")).reshape(3, -1).T
+    faces = ConvexHull(corner).simplices
+    out = face_vectors(corner, faces) * corner[faces].mean(axis=1)
+    faces = np.where(out.sum(axis=1, keepdims=True) > 0, faces[:, ::-1], faces)
+    found = orient_normals(
+        points + 1e4, mixed, mode="reference", reference=(corner + 1e4, faces)
+    )
+    np.testing.assert_array_equal(found, -normals)
+    estimate = estimate_normals(
+        points, settings=Settings(orientation="reference", reference=(corner, faces))
+    )
+    assert ((estimate.normals * normals).sum(axis=1) < 0).all()
+
+
+def test_small_parts_of_large_triangles_stand_for_them():
+    # One triangle of a thousand others' size: its middle is far from its ends.
+    vertices = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 1], [0, 0, 1.1]])
+    vertices = np.append(vertices, [[0.1, 0, 1]], axis=0)
+    faces = np.array([[0, 1, 2], [3, 4, 5]])
+    points = np.array([[9.5, 0.1, 0.1], [0.1, 9.5, 0.1], [0.01, 0, 1.0]])
+    up = np.tile([0.0, -1, 1] / np.sqrt(2), (3, 1))
+    found = orient_normals(points, up, mode="reference", reference=(vertices, faces))
+    # The small one faces y.
+    np.testing.assert_array_equal(found, up * [[1], [1], [-1]])
+
+
+def test_edges_whose_faces_disagree_are_reported_and_repaired():
+    points = shapes.SPHERE.sample(500, 1)[0]
+    faces = ConvexHull(points).simplices
+    inward = (face_vectors(points, faces) * points[faces[:, 0]]).sum(axis=1) < 0
+    faces = np.where(inward[:, None], faces[:, ::-1], faces).astype(np.int64)
+    mixed = faces.copy()
+    mixed[::2] = mixed[::2, ::-1]
+    asis = estimate_normals(points, faces=mixed)
+    assert asis.orientation.inconsistent > 100
+    assert "wind against" in asis.orientation.warnings[0]
+    fixed = estimate_normals(points, faces=mixed, settings=Settings(winding="repaired"))
+    assert fixed.orientation.inconsistent == 0
+    assert fixed.orientation.warnings == ()
+    assert fixed.summary()["flipped_faces"] == len(mixed[::2])
+    np.testing.assert_array_equal(
+        fixed.normals, estimate_normals(points, faces=faces).normals
+    )
+
+
 def test_faces_and_loose_vertices():
     # A tetrahedron wound inward, and a loose vertex beside its last corner.
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1.1]])
@@ -96,6 +147,7 @@ def test_order_does_not_matter():
         ({"mode": "reference"}, "reference normals"),
         ({"mode": "reference", "reference": [[0, 0, 1]]}, "9 reference normals"),
         ({"mode": "faces"}, "faces"),
+        ({"mode": "reference", "reference": ([[0, 0, 1]], [[0, 0, 1]])}, "from 0 to 0"),
     ],
 )
 def test_what_a_mode_needs(options, message):

@@ -25,6 +25,7 @@ CORE_ORDER = (
     "patch",
     "scale",
     "sheets",
+    "guides",
     "tree",
     "nesting",
     "winding",
