@@ -191,15 +191,15 @@ def find_orientation(
     if mode in ("propagate", "outward"):
         return _by_pieces(points, normals, mode, graph)
     if mode == "none":
-        return _decided(points, normals, mode)
+        return _decided(normals, mode)
     if mode == "viewpoint":
-        return _decided(points, normals, mode, toward(points, viewpoint))
+        return _decided(normals, mode, toward(points, viewpoint))
     if mode == "reference":
-        return _decided(points, normals, mode, reference_normals(reference, points))
+        return _decided(normals, mode, reference_normals(reference, points))
     return _by_faces(points, normals, faces)
 
 
-def _decided(points, normals, mode, directions=None):
+def _decided(normals, mode, directions=None):
     """Agree with directions (n, 3) as a guide has them, or leave sides as they are."""
     # No direction at all leaves every side as it is.
     signs = agreeing(normals, 0 * normals if directions is None else directions)
@@ -209,7 +209,7 @@ def _decided(points, normals, mode, directions=None):
 
 def _by_faces(points, normals, faces):
     """Agree with the faces, and say where these do not agree with each other."""
-    found = _decided(points, normals, "faces", face_directions(points, faces))
+    found = _decided(normals, "faces", face_directions(points, faces))
     inconsistent = count_inconsistent(faces, len(points))
     if not inconsistent:
         return found
