@@ -130,3 +130,11 @@ def tangent_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     u = np.stack([1 + sign * x * x * a, sign * b, -sign * x])
     v = np.stack([b, sign + y * y * a, -y])
     return u, v
+
+
+def along(axis: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Return the coordinates of (3, k, m) offsets along axes (3, m), (k, m)."""
+    result = axis[0] * offsets[0]
+    result += axis[1] * offsets[1]
+    result += axis[2] * offsets[2]
+    return result

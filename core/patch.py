@@ -16,9 +16,9 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .chart import principal_axes
+from .chart import along, principal_axes
 from .inputs import BoolArray, FloatArray, as_choice
-from .solver import RIDGE, Moments, cholesky_solve
+from .solver import RIDGE, NormalEquations
 from .surface import GridSurface
 from .timescale import WEIGHTS, TimeScale
 
@@ -214,7 +214,7 @@ def fit_patches(
     u, v, normal, spans = principal_axes(offsets, count)
     if chart == "global":
         u, v, normal = (np.broadcast_to(e[:, None], u.shape) for e in np.eye(3))
-    x, y, z = (_along(axis, offsets) for axis in (u, v, normal))
+    x, y, z = (along(axis, offsets) for axis in (u, v, normal))
     if chart == "global":
         weights = np.ones_like(square)
         coefficients = _least_squares(x, y, z, terms)
@@ -227,14 +227,6 @@ def fit_patches(
     misfit = np.sqrt(np.maximum(left, 0) / np.where(total > 0, total, 1))
     valid = (count >= LEAST_NEIGHBORS) & spans & np.isfinite(coefficients).all(axis=0)
     return Patches(u, v, normal, reach, x, y, z, terms, coefficients, misfit, valid)
-
-
-def _along(axis, offsets):
-    """Return the coordinates of (3, k, m) offsets along axes (3, m), (k, m)."""
-    result = axis[0] * offsets[0]
-    result += axis[1] * offsets[1]
-    result += axis[2] * offsets[2]
-    return result
 
 
 def _power(x, exponent):
@@ -270,20 +262,14 @@ def _normal_equations(x, y, z, weights, terms):
     left : (m,)
         The weighted sum of squared residuals, z'Wz - b'a, without residuals.
     """
-    moment = Moments(x, y, weights)
-    matrix = [
-        [moment(a + c, b + d) for c, d in terms[: row + 1]]
-        for row, (a, b) in enumerate(terms)
-    ]
-    height = Moments(x, y, weights * z)
-    right = [height(i, j) for i, j in terms]
+    equations = NormalEquations(terms, x, y, z, weights)
+    right = equations.right.copy()
     ridge = x.dtype.type(RIDGE[x.dtype])
-    for row, entries in enumerate(matrix):
-        entries[row] = entries[row] * (1 + ridge)
-    solution = cholesky_solve(matrix, right)
-    explained = sum(a * b for a, b in zip(solution, right, strict=True))
-    whole = np.einsum("km,km->m", height.weights, z)
-    return np.stack(solution), whole - explained
+    for row in range(len(terms)):
+        equations.matrix[row, row] *= 1 + ridge
+    solution = equations.solve()
+    explained = np.einsum("im,im->m", solution, right)
+    return solution, np.einsum("km,km,km->m", weights, z, z) - explained
 
 
 @cache

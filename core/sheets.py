@@ -12,18 +12,18 @@ Residuals are angles here, height over distance, so that nothing depends on scal
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import combinations
 from math import comb
 from typing import Any
 
 import numpy as np
 
-from .chart import tangent_axes
+from .chart import along, tangent_axes
 from .graph import NearestNeighbors
 from .inputs import BoolArray, FloatArray, IntArray
 from .patch import CUBIC, precision
-from .solver import Moments, cholesky_solve
+from .solver import NormalEquations, differentiated
 
 QUADRATIC = CUBIC[:5]
 
@@ -65,26 +65,39 @@ _LEAST_WEIGHT = 1e-9
 # Candidates nearer than that, in units of the farthest, count as being so far.
 _LEAST_DISTANCE = 1e-12
 
-# Points at a time: some fifty arrays of forty rows, in the cache.
-_CHUNK = 1024
+# Points at a time, and columns: several starts of each stand side by side where points
+# are few. The arrays of forty rows stay in the cache.
+_CHUNK, _COLUMNS = 1024, 2048
 
 
 @dataclass(frozen=True)
 class _Around:
-    """The candidates of m points, (k, m), with offsets (3, k, m)."""
+    """The candidates of m points.
 
-    index: IntArray
+    Attributes
+    ----------
+    offsets, directions : (3, k, m)
+    distance : (k, m)
+    nearness : (k, m)
+        Weights by distance alone.
+    neighbors, mirrored : (3, k, m) or None
+        The normals of the candidates, where these have a say, and the same mirrored
+        in the plane that halves the chord.
+    """
+
     offsets: FloatArray
+    directions: FloatArray
     distance: FloatArray
+    nearness: FloatArray
+    neighbors: FloatArray | None
+    mirrored: FloatArray | None
 
-    @property
-    def directions(self):
-        return self.offsets / self.distance
-
-    @property
-    def nearness(self):
-        """Weights by distance alone."""
-        return np.exp(-((1.8 * self.distance / self.distance[-1]) ** 2))
+    def times(self, count):
+        """Return the same for `count` starts of every point, start by start."""
+        if count == 1:
+            return self
+        arrays = (getattr(self, field.name) for field in fields(self))
+        return _Around(*(_side_by_side(array, count) for array in arrays))
 
 
 @dataclass(frozen=True)
@@ -155,8 +168,9 @@ def separate(
             own, index = chunk[active], index[:, active]
             if not len(own):
                 return
-            around = _look_around(nearest, own, index)
-            found, agreeing = _one_stage(around, now, own, tolerance, stage)
+            others = None if stage == 0 else now[index]
+            around = _look_around(nearest, own, index, others)
+            found, agreeing = _one_stage(around, now[own], tolerance, stage)
             accepted = (agreeing >= _AGREEING) | hopeless[own]
             after[own] = np.where(accepted[:, None], found.T, first[own])
 
@@ -166,7 +180,7 @@ def separate(
     return now
 
 
-def _look_around(nearest, rows, index):
+def _look_around(nearest, rows, index, neighbors):
     """Gather candidates in units of the farthest."""
     dtype = precision(len(nearest.points))
     offsets = np.moveaxis(nearest.points[index] - nearest.points[rows], -1, 0)
@@ -175,29 +189,32 @@ def _look_around(nearest, rows, index):
     offsets, distance = (
         np.ascontiguousarray(a / reach, dtype=dtype) for a in (offsets, distance)
     )
-    return _Around(index, offsets, np.maximum(distance, _LEAST_DISTANCE))
+    distance = np.maximum(distance, _LEAST_DISTANCE)
+    nearness = np.exp(-((1.8 * distance / distance[-1]) ** 2))
+    directions, mirrored = offsets / distance, None
+    if neighbors is not None:
+        neighbors = np.ascontiguousarray(np.moveaxis(neighbors, -1, 0), dtype=dtype)
+        mirrored = neighbors - 2 * _dot(neighbors, directions) * directions
+    return _Around(offsets, directions, distance, nearness, neighbors, mirrored)
 
 
-def _one_stage(around, normals, rows, tolerance, stage):
+def _side_by_side(array, count):
+    return None if array is None else np.concatenate([array] * count, axis=-1)
+
+
+def _one_stage(around, normals, tolerance, stage):
     """Return new normals (3, m) and how many candidates agree with them, (m,)."""
-    dtype = around.offsets.dtype
-    own = np.ascontiguousarray(normals[rows].T, dtype=dtype)
+    own = np.ascontiguousarray(normals.T, dtype=around.offsets.dtype)
     if stage == 0:
-        starts = [own, *_planes(around)]
-        best = _best_consensus(around, starts, tolerance, neighbors=None)
-        reach, terms = len(CUBIC) + 2, None
+        starts = np.stack([own, *_planes(around)], axis=1)
+        best = _best_consensus(around, starts, None, tolerance, QUADRATIC)
+        reach = len(CUBIC) + 2
     else:
+        terms = CUBIC if stage == _ROUNDS else QUADRATIC
+        best = _best_consensus(around, None, own, tolerance, terms)
         # Fewer equations are needed where the neighbors' slopes add two each.
         reach = len(CUBIC) - 1
-        neighbors = np.ascontiguousarray(
-            np.moveaxis(normals[around.index], -1, 0), dtype=dtype
-        )
-        terms = CUBIC if stage == _ROUNDS else QUADRATIC
-        best = _best_consensus(
-            around, [own], tolerance, neighbors=neighbors, terms=terms
-        )
-    slopes = None if stage == 0 else neighbors
-    found = _patch_of_agreeing(around, best, reach, tolerance / 2, slopes)
+    found = _patch_of_agreeing(around, best, reach, tolerance / 2)
     return found, best.consent.sum(axis=0)
 
 
@@ -208,91 +225,95 @@ def _planes(around):
         yield _unit(np.cross(near[:, i], near[:, j], axis=0))
 
 
-def _best_consensus(around, starts, tolerance, *, neighbors, terms=QUADRATIC):
+def _best_consensus(around, starts, own, tolerance, terms):
     """Follow the most promising starts and return the best consensus of each point.
 
-    With the neighbors' normals, starts are these normals mirrored in the plane that
-    halves the chord, which is exact on spheres; the point's own comes first.
+    Parameters
+    ----------
+    starts : (3, s, m) or None
+        Normals to try; without, the neighbors' normals mirrored, which is exact on
+        spheres.
+    own : (3, m) or None
+        A normal that is followed anyway.
     """
-    options = {"neighbors": neighbors}
-    if neighbors is None:
-        mirrored, kept, tries = None, [], 1
-    else:
-        along = _dot(neighbors, around.directions)
-        mirrored = neighbors - 2 * along * around.directions
-        kept, tries = list(starts), 0
-        starts = [mirrored[:, i] for i in range(min(_MIRRORED, mirrored.shape[1]))]
-    weigh = _starting_weights(around, mirrored)
-    scores = [
-        _consent(around, start, weigh(start), tolerance, tries, **options).score
-        for start in starts
-    ]
-    kept += _shortlist(starts, scores, _KEPT - len(kept))
-    followed = [
-        _consent(
-            around,
-            start,
-            weigh(start),
-            tolerance,
-            _REWEIGHTINGS,
-            terms=terms,
-            **options,
+    tries = 1
+    if starts is None:
+        starts, tries = around.mirrored[:, :_MIRRORED], 0
+    tried = _consent(around, starts, tolerance, tries, QUADRATIC)
+    kept = _shortlist(starts, tried.score, _KEPT - (own is not None))
+    if own is not None:
+        kept = np.concatenate([own[:, None], kept], axis=1)
+    return _best_of(_consent(around, kept, tolerance, _REWEIGHTINGS, terms))
+
+
+def _consent(around, starts, tolerance, rounds, terms):
+    """Reweight patches by who agrees with them, starting from planes (3, s, m).
+
+    Returns
+    -------
+    _Consensus
+        Of every start, (s, m).
+    """
+    points = starts.shape[2]
+    step = max(1, _COLUMNS // points)
+    parts = []
+    for at in range(0, starts.shape[1], step):
+        part = starts[:, at : at + step]
+        count = part.shape[1]
+        found = _reweighted(
+            around.times(count), part.reshape(3, -1), tolerance, rounds, terms
         )
-        for start in kept
-    ]
-    return _best_of(followed)
+        parts.append([a.reshape(*a.shape[:-1], count, points) for a in found])
+    return _Consensus(*(np.concatenate(a, axis=-2) for a in zip(*parts, strict=True)))
 
 
-def _starting_weights(around, mirrored):
-    """Return the weights of candidates when a plane is tried, as a function of it."""
-    if mirrored is None:
-        # Chords within some fifteen degrees of the plane.
-        return lambda plane: (
-            around.nearness
-            * np.exp(-((_dot(around.directions, plane[:, None]) / 0.25) ** 2))
-        )
-    # Wider where the neighbors' normals have a say as well.
-    return lambda plane: (
-        around.nearness
-        * np.exp(
-            -((_dot(around.directions, plane[:, None]) / 0.5) ** 2)
-            - ((1 - np.abs(_dot(mirrored, plane[:, None]))) / 0.15) ** 2
-        )
-    )
-
-
-def _consent(around, start, weights, tolerance, rounds, *, neighbors, terms=QUADRATIC):
-    """Reweight a patch by who agrees with it (Cauchy weights), starting from a plane.
+def _reweighted(around, normals, tolerance, rounds, terms):
+    """Reweight patches by who agrees with them (Cauchy weights), starting from planes.
 
     The score is the mean of log(1 + (residual / tolerance)^2) over all candidates:
     small where many agree closely, whatever the rest does. The tolerance is the final
     one from the first step; starting wide bends patches across sheets.
+
+    Returns
+    -------
+    normals (3, m), score (m,), consent (k, m)
+        See `_Consensus`.
     """
-    nearness = around.nearness
-    scale = _spread(around.distance, nearness)
-    ridge = _RIDGE_CHOOSING[len(terms)]
-    normals = start
+    weights = _starting_weights(around, normals)
+    scale = _spread(around.distance, around.nearness)
     for step in range(rounds + 1):
-        normals, height, slope = _fit(
+        weights += _LEAST_WEIGHT
+        normals, square = _fit(
             around,
             normals,
-            weights + _LEAST_WEIGHT,
+            weights,
             scale,
-            terms,
-            ridge,
-            neighbors,
-            _SLOPES_CHOOSING,
+            tolerance,
+            terms=terms,
+            ridge=_RIDGE_CHOOSING[len(terms)],
+            share=_SLOPES_CHOOSING,
         )
-        square = _square(around, height, slope, tolerance)
+        consent = 1 / (1 + square)
         if step < rounds:
-            weights = nearness / (1 + square)
+            weights = around.nearness * consent
     # One far candidate must not outvote the rest.
-    capped = np.log1p(np.minimum(square, 300))
-    score = _sum(nearness, capped) / nearness.sum(axis=0)
-    return _Consensus(normals, score, 1 / (1 + square))
+    capped = np.log1p(np.minimum(square, 300, out=square), out=square)
+    score = _sum(around.nearness, capped) / around.nearness.sum(axis=0)
+    return normals, score, consent
 
 
-def _patch_of_agreeing(around, consensus, reach, tolerance, neighbors):
+def _starting_weights(around, plane):
+    """Return the weights of candidates when a plane (3, m) is tried."""
+    off = along(plane, around.directions)
+    if around.mirrored is None:
+        # Chords within some fifteen degrees of the plane.
+        return around.nearness * np.exp(-((off / 0.25) ** 2))
+    # Wider where the neighbors' normals have a say as well.
+    unlike = 1 - np.abs(along(plane, around.mirrored))
+    return around.nearness * np.exp(-((off / 0.5) ** 2) - (unlike / 0.15) ** 2)
+
+
+def _patch_of_agreeing(around, consensus, reach, tolerance):
     """Return the normals of cubic patches over the candidates that agree, (3, m).
 
     The patch reaches to the `reach`-th of them.
@@ -306,29 +327,21 @@ def _patch_of_agreeing(around, consensus, reach, tolerance, neighbors):
         farthest = np.take_along_axis(around.distance, at[None], axis=0)
         weights = np.exp(-((2 * around.distance / farthest) ** 2)) * consent
         weights += _LEAST_WEIGHT
-        normals, height, slope = _fit(
+        normals, square = _fit(
             around,
             normals,
             weights,
             _spread(around.distance, weights),
-            CUBIC,
-            _RIDGE_FITTING,
-            neighbors,
-            _SLOPES_FITTING,
+            tolerance,
+            terms=CUBIC,
+            ridge=_RIDGE_FITTING,
+            share=_SLOPES_FITTING,
         )
-        consent = 1 / (1 + _square(around, height, slope, tolerance))
+        consent = 1 / (1 + square)
     return normals
 
 
-def _square(around, height, slope, tolerance):
-    """Return squared residuals in units of what agrees, (k, m)."""
-    square = (height / around.distance / tolerance) ** 2
-    if slope is not None:
-        square += (slope / (_SLOPE_TOLERANCE * tolerance)) ** 2
-    return square
-
-
-def _fit(around, normals, weights, scale, terms, ridge, neighbors, share):
+def _fit(around, normals, weights, scale, tolerance, *, terms, ridge, share):
     """Fit patches to heights, and to slopes where neighbors' normals are given.
 
     Parameters
@@ -338,39 +351,43 @@ def _fit(around, normals, weights, scale, terms, ridge, neighbors, share):
     weights : (k, m)
     scale : (m,)
         The unit of length.
-    neighbors : (3, k, m) or None
-        Normals of the candidates.
+    tolerance : float
+        Residuals that agree.
     share : float
-        What their slopes weigh.
+        What slopes weigh.
 
     Returns
     -------
     normals : (3, m)
-    height : (k, m), residuals in object units
-    slope : (k, m) or None
+    square : (k, m)
+        Squared residuals in units of what agrees.
     """
     u, v = tangent_axes(normals)
-    x, y, z = (_dot(around.offsets, axis[:, None]) / scale for axis in (u, v, normals))
-    equations = _Equations(terms)
-    equations.add(x, y, z, weights, (0, 0))
+    x, y, z = (along(axis / scale, around.offsets) for axis in (u, v, normals))
+    equations = NormalEquations(terms, x, y, z, weights)
     slopes = None
-    if neighbors is not None:
-        slopes = _slopes(neighbors, u, v, normals)
-        dx, dy, upright = slopes
-        weighted = weights * (share * upright**2)
-        equations.add(x, y, dx, weighted, (1, 0))
-        equations.add(x, y, dy, weighted, (0, 1))
-    coefficients = equations.solve(ridge * weights.sum(axis=0))
-    height = (z - _derivative(x, y, terms, coefficients, (0, 0))) * scale
-    slope = None
+    if around.neighbors is not None:
+        slopes = dx, dy, upright = _slopes(around.neighbors, u, v, normals)
+        equations.add_slopes(dx, dy, weights * (share * upright**2))
+    # Divided by its binomial coefficient the ridge of a term is the same in all axes
+    # of the chart, so that patches turn with their points.
+    total = ridge * weights.sum(axis=0)
+    for row, (i, j) in enumerate(terms):
+        equations.matrix[row, row] += total / comb(i + j, i)
+    coefficients = equations.solve()
+    z -= _derivative(x, y, terms, coefficients, (0, 0))
+    z *= scale / tolerance
+    z /= around.distance
+    square = np.square(z, out=z)
     if slopes is not None:
-        off = [
-            given - _derivative(x, y, terms, coefficients, which)
-            for given, which in ((dx, (1, 0)), (dy, (0, 1)))
-        ]
+        dx -= _derivative(x, y, terms, coefficients, (1, 0))
+        dy -= _derivative(x, y, terms, coefficients, (0, 1))
+        slope = (dx * dx + dy * dy) * upright**2
         # A normal that lies in the chart's plane has no slope, and agrees with none.
-        slope = np.where(upright > _FLAT, np.hypot(*off) * upright, 1.0)
-    return _unit(normals - coefficients[0] * u - coefficients[1] * v), height, slope
+        slope[upright <= _FLAT] = 1.0
+        slope *= 1 / (_SLOPE_TOLERANCE * tolerance) ** 2
+        square += slope
+    return _unit(normals - coefficients[0] * u - coefficients[1] * v), square
 
 
 # Cosine between a neighbor's normal and the chart's below which it has no slopes.
@@ -379,60 +396,23 @@ _FLAT = 0.2
 
 def _slopes(neighbors, u, v, normals):
     """Return the slopes that normals stand for in a chart, and their cosines to it."""
-    a, b, c = (_dot(neighbors, axis[:, None]) for axis in (u, v, normals))
+    a, b, c = (along(axis, neighbors) for axis in (u, v, normals))
     upright = np.maximum(np.abs(c), _FLAT)
-    down = -np.sign(c) / upright
-    return down * a, down * b, np.where(np.abs(c) > _FLAT, upright, _FLAT)
-
-
-class _Equations:
-    """Normal equations of patches, from heights and from slopes."""
-
-    def __init__(self, terms):
-        self.terms = terms
-        size = len(terms)
-        self.matrix: list[list[Any]] = [[0.0] * (row + 1) for row in range(size)]
-        self.right: list[Any] = [0.0] * size
-
-    def add(self, x, y, values, weights, which):
-        """Add equations for a derivative of z: (0, 0) z itself, (1, 0) along x."""
-        moment, known = Moments(x, y, weights), Moments(x, y, weights * values)
-        rows = [_differentiated(term, which) for term in self.terms]
-        for row, (factor, (a, b)) in enumerate(rows):
-            if not factor:
-                continue
-            self.right[row] = self.right[row] + factor * known(a, b)
-            for column, (other, (c, d)) in enumerate(rows[: row + 1]):
-                if other:
-                    added = factor * other * moment(a + c, b + d)
-                    self.matrix[row][column] = self.matrix[row][column] + added
-
-    def solve(self, ridge):
-        """Return the coefficients, a list of (m,).
-
-        Divided by its binomial coefficient the ridge of a term is the same in all
-        axes of the chart, so that patches turn with their points.
-        """
-        for row, (i, j) in enumerate(self.terms):
-            self.matrix[row][row] = self.matrix[row][row] + ridge / comb(i + j, i)
-        return cholesky_solve(self.matrix, self.right)
-
-
-def _differentiated(term, which):
-    """Return factor and exponents of a term's derivative."""
-    (i, j), (along_x, along_y) = term, which
-    factor = (i if along_x else 1) * (j if along_y else 1)
-    return factor, (i - along_x, j - along_y)
+    down = -1 / np.copysign(upright, c)
+    a *= down
+    b *= down
+    return a, b, upright
 
 
 def _derivative(x, y, terms, coefficients, which):
     """Return a derivative of patches at (k, m) places; (0, 0) is the height."""
     # Horner's rule: the terms of each power of x, by rising powers of y.
     along_y: dict[int, dict[int, Any]] = {}
-    for coefficient, term in zip(coefficients, terms, strict=True):
-        factor, (i, j) = _differentiated(term, which)
+    for coefficient, factor, i, j in zip(
+        coefficients, *differentiated(terms, which), strict=True
+    ):
         if factor:
-            along_y.setdefault(i, {})[j] = factor * coefficient
+            along_y.setdefault(i, {})[j] = int(factor) * coefficient
     return _horner({i: _horner(along_y[i], y) for i in along_y}, x)
 
 
@@ -441,33 +421,26 @@ def _horner(coefficients, x):
     degree = max(coefficients)
     total = coefficients[degree]
     for i in range(degree - 1, -1, -1):
-        total = total * x + coefficients.get(i, 0.0)
+        total = total * x
+        if i in coefficients:
+            total += coefficients[i]
     return total
 
 
 def _shortlist(starts, scores, keep):
-    """Return the `keep` best starts of each point, a list of (3, m)."""
-    order = np.argsort(np.stack(scores), axis=0, kind="stable")[:keep]
-    stacked = np.stack(starts)
-    return [np.take_along_axis(stacked, at[None, None], axis=0)[0] for at in order]
+    """Return the `keep` best (3, keep, m) of the starts (3, s, m) of each point."""
+    order = np.argsort(scores, axis=0, kind="stable")[:keep]
+    return np.take_along_axis(starts, order[None], axis=1)
 
 
-def _best_of(found):
+def _best_of(followed):
     """Return the consensus with the least score, point by point."""
-    best = found[0]
-    for other in found[1:]:
-        better = other.score < best.score
-        best = _Consensus(
-            *(
-                np.where(better, a, b)
-                for a, b in (
-                    (other.normals, best.normals),
-                    (other.score, best.score),
-                    (other.consent, best.consent),
-                )
-            )
-        )
-    return best
+    best = followed.score.argmin(axis=0)[None]
+    return _Consensus(
+        np.take_along_axis(followed.normals, best[None], axis=1)[:, 0],
+        np.take_along_axis(followed.score, best, axis=0)[0],
+        np.take_along_axis(followed.consent, best[None], axis=1)[:, 0],
+    )
 
 
 def _spread(distance, weights):
