@@ -703,6 +703,17 @@ def new_sheet(points: Array) -> Mesh:
     return mesh
 
 
+def new_disc(name: str) -> Mesh:
+    """Return a mesh of one hexagon in z = 0, at a radius of 1, with our colors."""
+    turn = np.arange(6) * np.pi / 3
+    points = np.stack([np.cos(turn), np.sin(turn), np.zeros(6)], axis=1)
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(points.tolist(), [], [list(range(6))])
+    mesh.attributes.new(COLOR, RESULTS[COLOR], "POINT")
+    mesh.attributes.active_color_name = COLOR
+    return mesh
+
+
 def new_dots(points: Array, radius: float) -> Mesh:
     """Return a mesh with an octahedron at each of the points (n, 3)."""
     ends = np.concatenate([np.eye(3), -np.eye(3)]) * radius

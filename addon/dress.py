@@ -15,10 +15,14 @@ from bpy.types import Context, Object, Operator
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
-from . import bridge, coloring
+from . import bridge, coloring, picture
 from .settings import Returned, settings_of
 
 NAME = bridge.DRESS
+
+# The shape at each point of a cloud, and the attribute that carries the colors to it.
+_DISC = "Time-Scale Disc"
+_CARRIED = ".ts_carried_color"
 
 # From an object to the copy beside it, in widths of the object.
 _GAP = 1.15
@@ -28,17 +32,16 @@ def show(context: Context, objects: Iterable[Object]) -> None:
     """Dress objects in their colors and set the viewports up for them."""
     for obj in objects:
         _dress(obj)
-    faces = all(not bridge.is_cloud(obj) for obj in _dressed(context))
     settings = settings_of(context)
     views = dict(_views())
     if not settings.views_before:
         before = {key: [s.type, s.color_type] for key, s in views.items()}
         settings.views_before = json.dumps(before)
     for shading in views.values():
-        # Solid shading has the colors of meshes only, and needs no shader compiled.
+        # Solid shading shows colors at once, without a shader compiled.
         shading.color_type = "VERTEX"
-        if shading.type in {"WIREFRAME", "SOLID", "MATERIAL"}:
-            shading.type = "SOLID" if faces else "MATERIAL"
+        if shading.type in {"WIREFRAME", "MATERIAL"}:
+            shading.type = "SOLID"
 
 
 def hide(context: Context, objects: Iterable[Object]) -> None:
@@ -126,24 +129,13 @@ def _dress(obj: Object, *, color: str = bridge.COLOR) -> None:
     nodes, links = tree.nodes, tree.links
     last = nodes.new("NodeGroupInput").outputs[0]
     if bridge.is_cloud(obj):
-        kind = "SetPointRadius" if obj.type == "POINTCLOUD" else "MeshToPoints"
-        size = nodes.new(f"GeometryNode{kind}")
-        size.inputs["Radius"].default_value = bridge.point_radius(
-            bridge.read_points(obj)
-        )
-        links.new(last, size.inputs[0])
-        last = size.outputs[0]
-    if color != bridge.COLOR:
+        last = _store(tree, last, color, _CARRIED)
+        last = _discs(tree, last, picture.point_radius(obj))
+        # Not before: the disc has colors of its own.
+        last = _store(tree, last, _CARRIED, bridge.COLOR)
+    elif color != bridge.COLOR:
         # Solid shading and the material know the colors by one name.
-        other = nodes.new("GeometryNodeInputNamedAttribute")
-        other.data_type = "FLOAT_COLOR"
-        other.inputs["Name"].default_value = color
-        worn = nodes.new("GeometryNodeStoreNamedAttribute")
-        worn.data_type, worn.domain = "FLOAT_COLOR", "POINT"
-        worn.inputs["Name"].default_value = bridge.COLOR
-        links.new(last, worn.inputs["Geometry"])
-        links.new(other.outputs["Attribute"], worn.inputs["Value"])
-        last = worn.outputs["Geometry"]
+        last = _store(tree, last, color, bridge.COLOR)
     cover = nodes.new("GeometryNodeSetMaterial")
     cover.inputs["Material"].default_value = _material()
     links.new(last, cover.inputs["Geometry"])
@@ -155,11 +147,56 @@ def _dress(obj: Object, *, color: str = bridge.COLOR) -> None:
     modifier.show_expanded = False
 
 
+def _store(tree: Any, last: Any, source: str, target: str) -> Any:
+    """Add nodes that keep a color attribute under another name."""
+    read = tree.nodes.new("GeometryNodeInputNamedAttribute")
+    read.data_type = "FLOAT_COLOR"
+    read.inputs["Name"].default_value = source
+    store = tree.nodes.new("GeometryNodeStoreNamedAttribute")
+    store.data_type, store.domain = "FLOAT_COLOR", "POINT"
+    store.inputs["Name"].default_value = target
+    tree.links.new(last, store.inputs["Geometry"])
+    tree.links.new(read.outputs["Attribute"], store.inputs["Value"])
+    return store.outputs["Geometry"]
+
+
+def _discs(tree: Any, last: Any, radius: float) -> Any:
+    """Add nodes that put a disc across the normal at each point.
+
+    Solid shading, which needs no shader compiled, has colors for meshes only.
+    """
+    nodes, links = tree.nodes, tree.links
+    disc = nodes.new("GeometryNodeObjectInfo")
+    disc.inputs["Object"].default_value = _disc()
+    normal = nodes.new("GeometryNodeInputNamedAttribute")
+    normal.data_type = "FLOAT_VECTOR"
+    normal.inputs["Name"].default_value = "ts_normal"
+    turn = nodes.new("FunctionNodeAlignRotationToVector")
+    put = nodes.new("GeometryNodeInstanceOnPoints")
+    put.inputs["Scale"].default_value = (radius,) * 3
+    whole = nodes.new("GeometryNodeRealizeInstances")
+    links.new(last, put.inputs["Points"])
+    links.new(disc.outputs["Geometry"], put.inputs["Instance"])
+    links.new(normal.outputs["Attribute"], turn.inputs["Vector"])
+    links.new(turn.outputs["Rotation"], put.inputs["Rotation"])
+    links.new(put.outputs["Instances"], whole.inputs["Geometry"])
+    return whole.outputs["Geometry"]
+
+
+def _disc() -> Object:
+    """The disc, in no scene; from it the mesh of discs knows its active color."""
+    found = bpy.data.objects.get(_DISC)
+    return found or bpy.data.objects.new(_DISC, bridge.new_disc(_DISC))
+
+
 def _undress(obj: Object, modifier: Any) -> None:
     tree = modifier.node_group
     obj.modifiers.remove(modifier)
     if tree is not None and not tree.users:
         bpy.data.node_groups.remove(tree)
+    disc: Any = bpy.data.objects.get(_DISC)
+    if disc is not None and not disc.users:
+        bpy.data.meshes.remove(disc.data)
     made: Any = bpy.data.materials.get(NAME)
     if made is not None and not made.users:
         bpy.data.materials.remove(made)

@@ -81,7 +81,12 @@ def put(obj: Object, name, kind, values, *, domain="POINT") -> None:
 
 def get(obj: Object, name):
     """The values of an attribute, (n,) or (n, width)."""
-    attribute = obj.data.attributes[name]
+    return read(obj.data, name)
+
+
+def read(data, name):
+    """The same of a mesh or point cloud, evaluated ones too."""
+    attribute = data.attributes[name]
     width = WIDTHS.get(attribute.data_type, 1)
     flat = np.empty(len(attribute.data) * width, DTYPES[attribute.data_type])
     attribute.data.foreach_get(FIELDS.get(attribute.data_type, "value"), flat)
