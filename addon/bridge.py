@@ -200,13 +200,16 @@ def find_object(uid: int) -> Object:
 
 
 def fingerprint(obj: Object) -> tuple[int, ...]:
-    """Return numbers that differ when an object has another shape."""
+    """Return numbers that differ when an object has another shape or other marks."""
     data = _data(obj)
     count = data.attributes.domain_size("POINT")
     if not count:
         return (0,)
-    faces = 0 if is_cloud(obj) else zlib.crc32(arrays.corner_vertices(data).tobytes())
-    return count, zlib.crc32(read_points(obj).tobytes()), faces
+    points = zlib.crc32(read_points(obj).tobytes())
+    if is_cloud(obj):
+        return count, points
+    marks = custom_normals.read_marks(data)
+    return count, points, zlib.crc32(arrays.corner_vertices(data).tobytes()), marks
 
 
 def active_vertex(obj: Object) -> int | None:
@@ -421,9 +424,11 @@ def read_weight(obj: Object, region: str, vertex_group: str) -> Array:
         When nothing is selected or there is no such vertex group.
     """
     mesh = _data(obj)
-    count = len(mesh.vertices)
+    count = mesh.attributes.domain_size("POINT")
     if region == "all":
         return np.ones(count)
+    if isinstance(mesh, PointCloud):
+        raise ObjectError("a point cloud has no groups or selection; choose all points")
     if region == "selected":
         # Blender leaves the attribute out where nothing is selected.
         if ".select_vert" not in mesh.attributes:
@@ -462,6 +467,31 @@ def read_normals(obj: Object, name: str) -> Array:
     """
     vectors = read_attribute(obj, name, "FLOAT_VECTOR")
     return unit(as_normals(vectors, len(vectors), name=f'values in "{name}"'))
+
+
+def read_normals_before(obj: Object) -> Array:
+    """Return the normals that points had before any run, (n, 3) float64.
+
+    Raises
+    ------
+    ObjectError
+        When they had none.
+    """
+    data = _data(obj)
+    ours = BACKUP if _is_ours(data) else ""
+    for name in (f"{ours}ts_normal", "normal"):
+        if name in data.attributes:
+            return read_normals(obj, name)
+    raise ObjectError(
+        'it has no normals to blend with, neither "ts_normal" nor "normal"; '
+        "choose all points and a strength of 1"
+    )
+
+
+def is_split(obj: Object) -> bool:
+    """Whether an object's estimate differs on both sides of edges."""
+    found = read_summary(obj).get("estimate", {})
+    return found.get("normals", 0) > found.get("valid", 0)
 
 
 def has_estimate(obj: Object) -> bool:
@@ -514,6 +544,7 @@ def write_estimate(
     *,
     storage: str,
     weight: Array | None = None,
+    before: Array | None = None,
     corners: Corners | None = None,
 ) -> None:
     """Write normals (n, 3) and valid (n,) of an object in place of earlier results.
@@ -526,8 +557,10 @@ def write_estimate(
     storage : "auto" | "free" | "tangent_space"
         How custom normals of meshes are kept.
     weight : (n,) float, optional
-        Share of the new normals in the custom ones, 0 to 1; the rest are those that
-        were there before any run.
+        Share of the new normals, 0 to 1; the rest are those that were there before
+        any run. Of meshes this holds for custom normals alone.
+    before : (n, 3) float, optional
+        What the rest is where there are no faces.
     corners : Corners, optional
         Custom normals where edges part the mesh.
     """
@@ -536,6 +569,8 @@ def write_estimate(
     data = _data(obj)
     if is_cloud(obj):
         _claim(data)
+        if weight is not None and before is not None:
+            normals = custom_normals.mixed(before, normals, weight * valid)
     else:
         if storage == "auto":
             mixed = weight is not None and custom_normals.has_free(data)
@@ -709,7 +744,7 @@ def new_disc(name: str) -> Mesh:
     points = np.stack([np.cos(turn), np.sin(turn), np.zeros(6)], axis=1)
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(points.tolist(), [], [list(range(6))])
-    mesh.attributes.new(COLOR, RESULTS[COLOR], "POINT")
+    mesh.attributes.new(COLOR, "FLOAT_COLOR", "POINT")
     mesh.attributes.active_color_name = COLOR
     return mesh
 
@@ -846,7 +881,7 @@ def _write_of_corners(
         new, share = corners.normals, corners.valid.astype(np.float64)
     if weight is not None:
         share *= weight[vertices]
-    shown = custom_normals.mixed(mesh, new, share)
+    shown = custom_normals.mixed(arrays.corner_normals(mesh), new, share)
     edges = None if corners is None else corners.edges
     _claim(mesh)
     custom_normals.write_corners(mesh, shown, share == 0, storage, edges)

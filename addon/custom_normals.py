@@ -4,6 +4,7 @@
 A part of the bridge, for which `bridge` is the door.
 """
 
+import zlib
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +18,8 @@ from .arrays import BACKUP, CUSTOM_NORMAL, KINDS, Array, Kind
 
 # Marks the edges that were made sharp for normals in tangent space.
 _SHARPENED = ".timescale_sharp"
+# Where Blender keeps what edges and faces are marked with.
+_MARKS = ("sharp_edge", "sharp_face", "uv_seam", "material_index")
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,17 @@ def _marked_edges(mesh: Any, split: Collection[str]) -> Array:
     return marked
 
 
+def read_marks(mesh: Any) -> int:
+    """Return a number that differs when edges or faces are marked otherwise."""
+    total = 0
+    for name in _MARKS:
+        if name in mesh.attributes:
+            attribute = mesh.attributes[name]
+            values = arrays.get(attribute.data, KINDS[attribute.data_type])
+            total = zlib.crc32(values.tobytes(), total)
+    return total
+
+
 def _borders(mesh: Any, values: Array) -> Array:
     """Return which edges have faces of different values, (e,) bool."""
     edge, here = _edge_of_corner(mesh), values[_face_of_corner(mesh)]
@@ -120,16 +134,16 @@ def has_free(mesh: Any) -> bool:
 # Mixing
 
 
-def mixed(mesh: Any, normals: Array, share: Array) -> Array:
-    """Mix normals into those that the corners have.
+def mixed(before: Array, normals: Array, share: Array) -> Array:
+    """Mix normals into those from before.
 
     Parameters
     ----------
-    normals : (c, 3) float
-    share : (c,) float
-        Of the given ones, 0 to 1.
+    before, normals : (n, 3) float
+    share : (n,) float
+        Of the new ones, 0 to 1.
     """
-    before, share = arrays.corner_normals(mesh), share[:, None]
+    share = share[:, None]
     result = unit(share * normals + (1 - share) * before)
     return np.where(share > 0, np.where(share < 1, result, normals), before)
 

@@ -185,7 +185,7 @@ def _discs(tree: Any, last: Any, radius: float) -> Any:
 
 def _disc() -> Object:
     """The disc, in no scene; from it the mesh of discs knows its active color."""
-    found = bpy.data.objects.get(_DISC)
+    found: Any = bpy.data.objects.get(_DISC)
     return found or bpy.data.objects.new(_DISC, bridge.new_disc(_DISC))
 
 

@@ -16,7 +16,7 @@ from .. import core
 from ..core.faces import fan_means
 from . import bridge, coloring
 from .arrays import ObjectError
-from .settings import Options, to_core
+from .settings import Options, reference_of, to_core
 
 Progress = Callable[[float], object]
 
@@ -36,7 +36,9 @@ class Job:
     fingerprint : tuple
         Of the shape that was read.
     weight : (n,) float64 or None
-        Share of the estimate in the normals of a mesh; None is all of it.
+        Share of the estimate in the normals; None is all of it.
+    before : (n, 3) float64 or None
+        What the rest of the normals of points without faces is.
     fans : Fans or None
         How edges part a mesh. The estimate is then of fans, the rest of vertices.
     corners : Corners or None
@@ -49,6 +51,8 @@ class Job:
         Where the estimate has normals.
     surface : Surface or None
         Where `truth` is to be taken from.
+    guide : Surface or None
+        Whose side the normals are to take.
     stale : bool
         Whether someone changed or removed the object while its job was computed.
     notes : list of (level, sentence)
@@ -61,6 +65,7 @@ class Job:
     comparison: core.Comparison = field(init=False)
     fingerprint: tuple = ()
     weight: Any = None
+    before: Any = None
     fans: Any = None
     corners: bridge.Corners | None = None
     estimate: core.Estimate | None = None
@@ -69,6 +74,7 @@ class Job:
     baseline: Any = None
     truth: Any = None
     surface: bridge.Surface | None = None
+    guide: bridge.Surface | None = None
     done: bool = False
     error: str = ""
     stale: bool = False
@@ -106,9 +112,18 @@ def read_shape(job: Job, options: Options) -> None:
     if options.use_modifiers and options.storage == "tangent_space":
         raise core.InputError(AFTER_MODIFIERS)
     if job.settings.orientation == "reference":
-        reference = bridge.read_normals(job.obj, options.reference)
-        reference = job.geometry.to_world(reference)
-        job.settings = replace(job.settings, reference=reference)
+        read_reference(job, options)
+
+
+def read_reference(job: Job, options: Options) -> None:
+    """Read the normals whose side is taken, or remember the surface that has them."""
+    guide = reference_of(options)
+    if guide is not None:
+        job.guide = bridge.read_surface(guide)
+        return
+    reference = bridge.read_normals(job.obj, options.reference)
+    reference = job.geometry.to_world(reference)
+    job.settings = replace(job.settings, reference=reference)
 
 
 def read_weight(job: Job, options: Options) -> None:
@@ -116,7 +131,7 @@ def read_weight(job: Job, options: Options) -> None:
     if options.region == "all" and options.strength == 1:
         return
     if bridge.is_cloud(job.obj):
-        raise core.InputError(NO_FACES)
+        job.before = bridge.read_normals_before(job.obj)
     job.weight = options.strength * bridge.read_weight(
         job.obj, options.region, options.vertex_group
     )
@@ -159,6 +174,8 @@ def estimate(job: Job, progress: Progress) -> None:
     """Estimate the normals of the shape as it stands in the world."""
     shape, settings, fans = job.geometry, job.settings, job.fans
     points, faces = shape.points, shape.faces
+    if job.guide is not None:
+        settings = replace(settings, reference=job.guide.normals_near(points))
     if fans is not None:
         points, faces = points[fans.vertex], fans.faces
         if settings.reference is not None:
@@ -210,6 +227,7 @@ def write_estimate(job: Job, options: Options) -> None:
         job.valid,
         storage=storage,
         weight=job.weight,
+        before=job.before,
         corners=job.corners,
     )
     # The first fans are those of the vertices.
@@ -263,6 +281,8 @@ def write_comparison(job: Job, options: Options) -> None:
     coloring.write_colors(job.obj, found, measure, options.color_limit)
     if measure != options.color_by:
         job.notes.append(("INFO", "without true normals, colors show the difference"))
+    if bridge.is_split(job.obj):
+        job.notes.append(("INFO", MEANS))
     if summary["compared"]:
         sentence = DIFFERENCE if job.truth is None else NEARER
         job.notes.append(("INFO", sentence.format_map(summary)))
@@ -275,15 +295,15 @@ AFTER_MODIFIERS = (
     "normals in tangent space are turned by its modifiers once more; "
     "choose Free or turn After Modifiers off"
 )
-NO_FACES = (
-    "it has no faces, so no normals to blend with; "
-    "choose All Vertices and a strength of 1"
-)
 NOT_SPLIT = (
     "marked edges do not part it, because neighbors are not those of the mesh; "
     "choose Auto or Mesh as Graph"
 )
 CHANGED = "its shape changed while its normals were computed; run again"
+MEANS = (
+    "where edges split its normals, the mean of each vertex is compared with that of "
+    "all faces around it"
+)
 ESTIMATED = "{normals:,} normals, each from {neighbors} neighbors"
 WITH_FACES = "{normals:,} normals, {from_faces:,} of them by the faces around them"
 KEPT = (

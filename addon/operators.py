@@ -43,6 +43,10 @@ class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):
     viewpoint_object: StringProperty(
         name="Viewpoint", description="Camera or other object that normals face"
     )
+    reference_object: StringProperty(
+        name="Like Object",
+        description="Mesh whose nearest surface says which side is out",
+    )
 
     def read(self, job: Job) -> None:
         """Read the shape, and how much of it is to change."""
@@ -84,6 +88,10 @@ class TIMESCALE_OT_compare_delaunay(OnSelection, EstimateOptions, CompareOptions
 
     viewpoint_object: StringProperty(
         name="Viewpoint", description="Camera or other object that normals face"
+    )
+    reference_object: StringProperty(
+        name="Like Object",
+        description="Mesh whose nearest surface says which side is out",
     )
     truth_object: StringProperty(
         name="True Surface",

@@ -32,7 +32,10 @@ DELAUNAY = (0.95, 0.53, 0.16, 1.0)
 INVALID = (0.94, 0.16, 0.25, 1.0)
 
 # Of the legend, in pixels at a resolution scale of 1.
-_WIDTH, _BARS, _RAMP, _MARGIN = 260, 46, 10, 12
+_WIDTH, _BARS, _RAMP, _MARGIN = 300, 46, 10, 12
+
+# Measures that are the largest difference in a coordinate.
+_COORDINATES = {"error_estimate", "error_baseline", "deviation"}
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,7 @@ class Legend:
     """
 
     title: str
+    count: str
     low: str
     middle: str
     high: str
@@ -122,13 +126,15 @@ def legend_of(obj: Object) -> Legend:
     measure = record.color_by
     found, name, limit = coloring.on_scale(obj, found, measure, record.color_limit)
     low, high = (0.0, 1.0) if measure == "wins" else found.limits(name, limit=limit)
+    beyond = measure != "wins" and bool((np.abs(getattr(found, name)) > high).any())
     bins = 2 if measure == "wins" else 40
     counts, edges = coloring.histogram(found, name, bins=bins, limit=limit)
     colors = coloring.colors_of(measure, (edges[1:] + edges[:-1]) / 2, high)
     shown = [Color(c[:3]).from_scene_linear_to_srgb()[:] for c in colors]
     return Legend(
         _title(obj, measure),
-        *_ticks(measure, low, high, counts),
+        f"{counts.sum():,} points",
+        *_ticks(measure, low, high, counts, beyond=beyond),
         counts / max(1, counts.max()),
         np.concatenate([shown, np.ones((len(shown), 1))], axis=1),
     )
@@ -139,13 +145,21 @@ def _title(obj: Object, measure: str) -> str:
     names = [measure_label(measure)]
     if measure in coloring.BESIDE and bridge.has_attribute(obj, bridge.COLOR_BESIDE):
         names.append(measure_label(coloring.BESIDE[measure]).rpartition(" ")[2])
-    return ", ".join(names)
+    title = ", ".join(names)
+    # The infinity norm has no unit.
+    return f"{title} (Coordinate)" if measure in _COORDINATES else title
 
 
 def _ticks(
-    measure: str, low: float, high: float, counts: np.ndarray
+    measure: str, low: float, high: float, counts: np.ndarray, *, beyond: bool
 ) -> tuple[str, str, str]:
-    """Return what stands under the ends and the middle of the scale."""
+    """Return what stands under the ends and the middle of the scale.
+
+    Parameters
+    ----------
+    beyond : bool
+        Whether some points are past the end of the scale, and have its color.
+    """
     if measure == "wins":
         lost, won = (f"{count / max(1, counts.sum()):.0%}" for count in counts)
         return f"Delaunay {lost}", "", f"Estimate {won}"
@@ -155,8 +169,9 @@ def _ticks(
     if measure == coloring.CONFIDENCE:
         return "a guess", f"{high / 2:.2g}", "certain" if high == 1 else f"{high:.2g}"
     unit = "°" if measure.startswith("angle_") else ""
+    last = f"{high:.3g}{unit}"
     middle = (low + high) / 2
-    return f"{low:.3g}{unit}", f"{middle:.3g}{unit}", f"{high:.3g}{unit}"
+    return f"{low:.3g}{unit}", f"{middle:.3g}{unit}", f"≥ {last}" if beyond else last
 
 
 class Kept:
@@ -300,7 +315,7 @@ def _draw(legend: Legend, context: Context) -> None:
     blf.color(font, 0.92, 0.92, 0.92, 1)
     title = y + ramp + bars + 12 * scale
     _write(font, legend.title, x, title, 0)
-    _write(font, "points", x + width, title, 1)
+    _write(font, legend.count, x + width, title, 1)
     below = y - 16 * scale
     _write(font, legend.low, x, below, 0)
     _write(font, legend.middle, x + width / 2, below, 0.5)

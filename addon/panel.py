@@ -9,6 +9,7 @@ from bpy.types import Context, Menu, Panel
 
 from . import bridge, dress, presets, run
 from .operators import CLASSES as OPERATORS
+from .samples import TRUTH
 from .settings import (
     Layout,
     draw_colors,
@@ -16,6 +17,7 @@ from .settings import (
     draw_details,
     draw_estimate,
     fill,
+    measure_label,
     settings_of,
 )
 
@@ -60,6 +62,9 @@ class VIEW3D_PT_timescale(_InSidebar):
         _button(column, ESTIMATE, context, icon="NORMALS_VERTEX")
         column.separator(type="LINE")
         draw_compare(column, settings, context.object)
+        chosen = settings.truth_object or settings.truth
+        if not chosen and known_truth(context.object):
+            column.label(text="True normals of samples", icon="INFO")
         _button(column, COMPARE, context, icon="MOD_TRIANGULATE")
         column.separator(type="LINE")
         column.operator("timescale.show_patch", icon="SURFACE_NSURFACE")
@@ -101,6 +106,10 @@ class VIEW3D_PT_timescale_colors(_InSidebar):
         column.use_property_split = True
         column.use_property_decorate = False
         draw_colors(column, settings_of(context))
+        shown = bridge.record_of(context.object).color_by
+        if shown != settings_of(context).color_by:
+            # Without true normals there is no error to show.
+            column.label(text=f"Shown: {measure_label(shown)}", icon="INFO")
         column.prop(settings_of(context), "show_legend")
         column.operator(
             "timescale.side_by_side",
@@ -180,6 +189,9 @@ def result_rows(summary: dict) -> list[tuple[str, ...]]:
     if "uncertain" in shown:
         # Less than a tenth of a per cent is as good as nothing.
         shown["uncertain_percent"] = round(100 * shown["uncertain"], 1)
+    if 2 * shown.get("from_faces", 0) > shown["points"]:
+        # Patches that were not taken say little about the points.
+        shown["noise_percent"] = None
     if shown.get("normals", 0) > shown["valid"]:
         shown["parted"] = shown["normals"]
     return [
@@ -211,14 +223,15 @@ def comparison_rows(summary: dict) -> list[tuple[str, ...]]:
     if not summary["compared"]:
         return [("Compared", "0")]
     if "wins" not in summary:
-        rows: list[tuple[str, ...]] = []
-        heads, sides = [""], ["deviation"]
+        rows: list[tuple[str, ...]] = [("", "Difference")]
+        sides = ["deviation"]
     else:
         won = summary["wins_percent"]
-        rows = [("Nearer at", f"{won:.1f} %", f"{100 - won:.1f} %")]
-        heads, sides = ["Estimate", "Delaunay"], ["estimate", "baseline"]
+        rows = [("", "Estimate", "Delaunay")]
+        rows.append(("Nearer at", f"{won:.1f} %", f"{100 - won:.1f} %"))
+        sides = ["estimate", "baseline"]
     for title, prefix, unit in (("Angle", "angle_", "°"), ("Coordinate", "error_", "")):
-        rows.append((title, *heads))
+        rows.append((title, *[""] * len(sides)))
         for key, label in STATISTICS:
             # What is called an error to the truth is a deviation from each other.
             names = [f"{prefix}{side}_{key}" for side in sides]
@@ -251,10 +264,17 @@ def _draw_run(layout: Layout) -> None:
         row.operator("timescale.stop", text="", icon="X")
 
 
-def _button(
-    layout: Layout, name: str, context: Context | None, *, icon: Any = "NONE"
-) -> None:
-    fill(layout.operator(name, icon=icon), context)
+def _button(layout: Layout, name: str, context: Any, *, icon: Any = "NONE") -> None:
+    button: Any = layout.operator(name, icon=icon)
+    fill(button, context)
+    if name == COMPARE and not button.truth_object and not button.truth:
+        button.truth = known_truth(context.object)
+
+
+def known_truth(obj: Any) -> str:
+    """Return the attribute of true normals that an object was made with, or ""."""
+    there = obj is not None and obj.type in bridge.TYPES
+    return TRUTH if there and bridge.has_attribute(obj, TRUTH) else ""
 
 
 # The stubs of append and remove leave out the menu that draws.

@@ -56,7 +56,8 @@ _ORIENTATIONS = {
     "viewpoint": "Toward an object or a place",
     "outward": "Away from the center of each piece",
     "faces": "To the front side of the faces",
-    "reference": "To the side of normals that are there as an attribute",
+    "reference": "To the side of another object's surface, or of normals that are "
+    "there as an attribute",
     "none": "As they come",
 }
 _NESTED = {
@@ -183,7 +184,10 @@ class EstimateOptions:
     )
     reference: StringProperty(
         name="Reference",
-        description="Vector attribute of the points whose side the normals take",
+        description=(
+            "Vector attribute of the points whose side the normals take, "
+            "when no object is chosen"
+        ),
         default="normal",
     )
     storage: EnumProperty(
@@ -216,7 +220,10 @@ class EstimateOptions:
     )
     strength: FloatProperty(
         name="Strength",
-        description="Share of the new normals in the custom ones of a mesh",
+        description=(
+            "Share of the new normals; the rest are those from before any run: "
+            "the normals of a mesh, ts_normal or else normal of a point cloud"
+        ),
         default=1.0,
         min=0.0,
         max=1.0,
@@ -231,13 +238,17 @@ class EstimateOptions:
     )
 
 
-def measure_property(*, update: Callable[[Any, Context], None] | None = None) -> object:
+def measure_property(
+    *,
+    default: str = "error_estimate",
+    update: Callable[[Any, Context], None] | None = None,
+) -> object:
     """Return an enum of what colors can show."""
     return EnumProperty(
         name="Colors",
         description="What the colors of a comparison show",
         items=[(name, *words) for name, words in _MEASURES.items()],
-        default="error_estimate",
+        default=default,
         update=update,
     )
 
@@ -306,6 +317,14 @@ class TimeScaleSettings(EstimateOptions, CompareOptions, bpy.types.PropertyGroup
         type=bpy.types.Object,
         poll=_is_mesh,
     )
+    reference_object: PointerProperty(
+        name="Like Object",
+        description="Mesh whose nearest surface says which side is out",
+        type=bpy.types.Object,
+        poll=_is_mesh,
+    )
+    # Who looks at colors knows degrees; scripts get what ts_error holds.
+    color_by: measure_property(default="angle_estimate", update=_color_again)
     # A script has no use for it unless it says so.
     show_colors: BoolProperty(
         name="Show Colors",
@@ -364,7 +383,7 @@ class TimeScaleRecord(bpy.types.PropertyGroup):
 
 
 # Settings that are objects.
-OBJECTS = {"viewpoint_object", "truth_object"}
+OBJECTS = {"viewpoint_object", "reference_object", "truth_object"}
 # Settings that are well chosen without anyone looking.
 DETAILS = (
     "neighbors",
@@ -415,14 +434,16 @@ def draw_estimate(layout: Layout, options: Options, obj: Owner) -> None:
         if not options.viewpoint_object:
             layout.prop(options, "viewpoint", text="Place")
     if options.orientation == "reference":
-        _draw_attribute(layout, options, "reference", obj)
+        layout.prop_search(options, "reference_object", bpy.data, "objects")
+        if not options.reference_object:
+            _draw_attribute(layout, options, "reference", obj)
     if obj is not None and obj.type == "MESH":
         # Three switches side by side are too narrow for their words.
         layout.column().prop(options, "split")
         layout.prop(options, "region")
         if options.region == "group":
             layout.prop_search(options, "vertex_group", obj, "vertex_groups", text=" ")
-        layout.prop(options, "strength")
+    layout.prop(options, "strength")
 
 
 def draw_details(layout: Layout, options: Options) -> None:
@@ -442,7 +463,7 @@ def draw_compare(layout: Layout, options: Options, obj: Owner) -> None:
 def draw_colors(layout: Layout, options: Options) -> None:
     """Show what the colors mean."""
     layout.prop(options, "color_by")
-    layout.prop(options, "color_limit")
+    layout.prop(options, "color_limit", text="Range (0 Auto)")
 
 
 def _draw_attribute(layout: Layout, options: Options, name: str, obj: Owner) -> None:
@@ -481,9 +502,25 @@ def truth_of(options: Any) -> bpy.types.Object | None:
     InputError
         When it is not there.
     """
-    name = options.truth_object
+    return _object(options.truth_object, "with true normals")
+
+
+def reference_of(options: Any) -> bpy.types.Object | None:
+    """Return the object whose side the normals take.
+
+    Raises
+    ------
+    InputError
+        When it is not there.
+    """
+    if options.orientation != "reference":
+        return None
+    return _object(options.reference_object, "whose side to take")
+
+
+def _object(name: str, purpose: str) -> bpy.types.Object | None:
     if name and name not in bpy.data.objects:
-        raise InputError(f'there is no object "{name}" with true normals')
+        raise InputError(f'there is no object "{name}" {purpose}')
     return bpy.data.objects[name] if name else None
 
 
@@ -492,9 +529,7 @@ def _viewpoint(options: Any) -> tuple[float, ...] | None:
         return None
     if not options.viewpoint_object:
         return tuple(options.viewpoint)
-    if options.viewpoint_object not in bpy.data.objects:
-        raise InputError(f'there is no object "{options.viewpoint_object}" to face')
-    viewed = bpy.data.objects[options.viewpoint_object]
+    viewed: Any = _object(options.viewpoint_object, "to face")
     return viewed.matrix_world.translation.to_tuple()
 
 

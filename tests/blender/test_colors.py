@@ -76,6 +76,9 @@ def test_legend_of_angles_is_in_degrees(measure):
     compare(truth="true_normal", color_by=measure, color_limit=2.0)
     legend = overlay.legend_of(obj)
     assert (legend.low, legend.middle, legend.high) == ("0°", "1°", "2°")
+    assert legend.count == f"{len(obj.data.vertices):,} points"
+    compare(truth="true_normal", color_by=measure, color_limit=0.001)
+    assert overlay.legend_of(obj).high == "≥ 0.001°"
 
 
 def test_angle_that_needs_a_truth_falls_back_to_the_angle_between():
@@ -301,7 +304,7 @@ def test_both_methods_are_side_by_side_in_one_range(make):
     for shown, measure in ((obj, "error_estimate"), (other, "error_baseline")):
         expected = found.colors(measure, limit=limit)
         np.testing.assert_allclose(worn(shown), expected, atol=1e-3)
-    assert overlay.legend_of(obj).title == "Error of Estimate, Delaunay"
+    assert overlay.legend_of(obj).title == "Error of Estimate, Delaunay (Coordinate)"
     assert bpy.context.object == obj
     assert bpy.context.selected_objects == [obj]
 

@@ -328,6 +328,27 @@ def test_normals_agree_with_a_reference_attribute():
     )
 
 
+def test_normals_take_the_side_of_another_object():
+    """Of a sphere turned inside out, which stands elsewhere in the world's axes."""
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, radius=1.1)
+    guide = bpy.context.object
+    guide.data.flip_normals()
+    guide.data.transform(Matrix.Translation((0, 0, -3)))
+    guide.location = (0, 0, 3)
+    obj = scenes.new_cloud(scenes.ball())
+    run(orientation="reference", reference_object=guide.name)
+    sides = (scenes.get(obj, "ts_normal") * scenes.points_of(obj)).sum(axis=1)
+    assert (sides < 0).all()
+
+
+def test_object_to_take_the_side_of_is_not_there():
+    obj = scenes.new_cloud(scenes.ball())
+    before = scenes.snapshot(obj)
+    with pytest.raises(RuntimeError, match='there is no object "Nobody" whose side'):
+        run(orientation="reference", reference_object="Nobody")
+    assert scenes.snapshot(obj) == before
+
+
 def test_reference_that_is_not_there_is_refused():
     obj = scenes.sphere()
     before = scenes.snapshot(obj)

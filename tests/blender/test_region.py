@@ -106,12 +106,65 @@ def test_vertex_group_that_is_not_there():
     assert scenes.snapshot(obj) == before
 
 
-@pytest.mark.parametrize("settings", [{"strength": 0.5}, {"region": "selected"}])
-def test_points_have_nothing_to_blend_with(settings):
+# Points without faces
+
+
+TILTED = np.array([[1, 0.2, 0], [0, 1, 0], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("name", ["normal", "ts_normal"])
+def test_strength_blends_with_the_normals_that_points_had(name):
+    """Twice, because the first run leaves a ts_normal of its own."""
+    points = scenes.ball()
+    before = points @ TILTED
+    obj = scenes.new_cloud(points, **{name: 3 * before})
+    bpy.ops.timescale.estimate_normals()
+    new = scenes.get(obj, "ts_normal")
+    before /= np.linalg.norm(before, axis=1, keepdims=True)
+    for strength in (0.25, 0.75, 0.0):
+        run(strength=strength)
+        mixed = strength * new + (1 - strength) * before
+        assert scenes.angles(scenes.get(obj, "ts_normal"), mixed).max() < 1e-3
+    bpy.ops.timescale.clear_results()
+    assert scenes.angles(scenes.get(obj, name), before).max() < 1e-3
+
+
+def test_only_selected_vertices_without_faces_change():
+    points = scenes.ball()
+    obj = scenes.new_mesh(points)
+    scenes.put(obj, "normal", "FLOAT_VECTOR", points @ TILTED)
+    above = points[:, 2] > 0
+    if ".select_vert" in obj.data.attributes:
+        obj.data.attributes.remove(obj.data.attributes[".select_vert"])
+    scenes.put(obj, ".select_vert", "BOOLEAN", above)
+    run(region="selected")
+    found = scenes.get(obj, "ts_normal")
+    # Patches of 600 points of a sphere are within a few degrees.
+    assert scenes.angles(found[above], points[above]).max() < 3
+    kept = (points @ TILTED)[~above]
+    assert scenes.angles(found[~above], kept).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"strength": 0.5}, 'neither "ts_normal" nor "normal"'),
+        ({"region": "selected"}, 'neither "ts_normal" nor "normal"'),
+    ],
+)
+def test_points_with_nothing_to_blend_with(settings, sentence):
     obj = scenes.new_cloud(scenes.ball())
     before = scenes.snapshot(obj)
-    with pytest.raises(RuntimeError, match="it has no faces"):
+    with pytest.raises(RuntimeError, match=sentence):
         run(**settings)
+    assert scenes.snapshot(obj) == before
+
+
+def test_point_clouds_have_no_selection():
+    obj = scenes.new_cloud(scenes.ball(), normal=scenes.ball())
+    before = scenes.snapshot(obj)
+    with pytest.raises(RuntimeError, match="no groups or selection"):
+        run(region="selected")
     assert scenes.snapshot(obj) == before
 
 

@@ -82,6 +82,13 @@ def test_settings_of_the_scene_reach_the_core_through_a_button():
     assert settings.to_core(button()).viewpoint == (4, 5, 6)
 
 
+def test_true_normals_of_samples_are_known():
+    bpy.ops.timescale.add_samples(shape="sphere", count=100)
+    assert panel.known_truth(bpy.context.object) == "true_normal"
+    assert panel.known_truth(scenes.sphere(2)) == ""
+    assert panel.known_truth(None) == ""
+
+
 def test_every_label_and_tooltip_follows_the_rules_of_blender():
     for prop in all_properties():
         if prop.identifier in BORROWED:
@@ -133,11 +140,19 @@ def test_rows_of_the_panel_say_what_was_chosen():
     assert rows["Graph"] == "Nearest"
     assert "Without Normal" not in rows
     table = panel.comparison_rows(summary["comparison"])
-    assert table[0] == ("Nearer at", "100.0 %", "0.0 %")
-    assert ("Angle", "Estimate", "Delaunay") in table
+    assert table[:2] == [
+        ("", "Estimate", "Delaunay"),
+        ("Nearer at", "100.0 %", "0.0 %"),
+    ]
     assert {len(row) for row in table} == {3}
     rms = next(row for row in table if row[0] == "RMS")
     assert rms[1] == f"{summary['comparison']['angle_estimate_rms']:.3g}°"
+
+
+def test_noise_is_left_out_where_faces_gave_the_normals():
+    summary = {"points": 9, "valid": 9, "noise_percent": 0.25}
+    assert dict(panel.result_rows(summary))["Noise"] == "0.25 %"
+    assert "Noise" not in dict(panel.result_rows({**summary, "from_faces": 5}))
 
 
 def test_rows_of_a_split_mesh_have_points_and_normals():
@@ -179,7 +194,7 @@ def test_rows_of_a_comparison_without_truth():
     bpy.ops.timescale.compare_delaunay()
     summary = panel.bridge.read_summary(bpy.context.object)
     table = panel.comparison_rows(summary["comparison"])
-    assert table[0] == ("Angle", "")
+    assert table[:2] == [("", "Difference"), ("Angle", "")]
     assert {len(row) for row in table} == {2}
     expected = f"{summary['comparison']['deviation_max']:.3g}"
     assert table[-1] == ("Maximum", expected)

@@ -283,7 +283,7 @@ def test_neighbors_from_elsewhere_do_not_split_and_say_so(capfd):
 
 
 def test_faces_of_many_corners_are_parted_as_a_whole():
-    bpy.ops.mesh.primitive_cylinder_add(vertices=8, end_fill_type="NGON")
+    bpy.ops.mesh.primitive_cylinder_add(vertices=24, end_fill_type="NGON")
     bpy.ops.object.shade_smooth()
     obj = bpy.context.object
     ends = np.array([e.vertices[:] for e in obj.data.edges])
@@ -291,6 +291,16 @@ def test_faces_of_many_corners_are_parted_as_a_whole():
     mark(obj, "use_edge_sharp", z[:, 0] == z[:, 1])
     run(storage="free")
     assert error(obj, of_cylinder(obj)) < 0.1
+
+
+def test_comparison_says_that_it_is_one_of_means(capfd):
+    obj, rims = cylinder()
+    bpy.ops.timescale.compare_delaunay()
+    assert "the mean of each vertex" not in capfd.readouterr().out
+    bpy.ops.timescale.clear_results()
+    mark(obj, "use_edge_sharp", rims)
+    bpy.ops.timescale.compare_delaunay()
+    assert "the mean of each vertex" in capfd.readouterr().out
 
 
 def test_points_have_no_edges_to_split_at():
