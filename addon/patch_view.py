@@ -5,6 +5,7 @@ New objects show the patch, the grid of its two time scales, the points that the
 forward and backward jumps lead to, and the tangents whose cross product is the normal.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,8 +13,8 @@ import bpy
 import numpy as np
 from bpy.types import Context, Object, Operator
 
-from ..core import GridSurface, InputError, Settings
-from ..core.neighborhoods import neighborhoods, unique_points
+from ..core import GridSurface, InputError, Settings, estimate_normals
+from ..core.neighborhoods import neighborhoods_of_all
 from . import bridge
 from .settings import Returned, settings_of
 
@@ -29,6 +30,7 @@ COLORS = {
     "Neighbors": (0.93, 0.80, 0.25, 1.0),
     "Jump Points": (0.85, 0.25, 0.12, 1.0),
     "Tangents": (0.13, 0.72, 0.78, 1.0),
+    "Normal": (0.95, 0.95, 0.95, 1.0),
 }
 
 
@@ -45,8 +47,8 @@ class View:
     surface, grid : GridSurface
         The patch evenly, and over its time scales.
     neighbors, jumps : (k, 3), (j, 3) float64
-    tangents : (t, 3) float64
-        Ends of the two tangents and of the normal.
+    tangents, normal : (2, 3), (3,) float64
+        Where they end.
     """
 
     place: np.ndarray
@@ -56,6 +58,7 @@ class View:
     neighbors: np.ndarray
     jumps: np.ndarray
     tangents: np.ndarray
+    normal: np.ndarray
 
 
 def view_of(shape: bridge.Geometry, row: int, settings: Settings) -> View:
@@ -66,14 +69,8 @@ def view_of(shape: bridge.Geometry, row: int, settings: Settings) -> View:
     InputError
         When the point has too few neighbors for a patch.
     """
-    center = shape.points.mean(axis=0)
-    points, faces = shape.points - center, shape.faces
-    if faces is None:
-        kept, inverse = unique_points(points)
-        if kept is not None and inverse is not None:
-            points, row = points[kept], int(inverse[row])
-    source, used = neighborhoods(points, faces, settings)
-    patches = source.fit(np.array([row]))
+    source, place = neighborhoods_of_all(shape.points, shape.faces, settings)
+    patches = source.fit(place[[row]])
     if not patches.valid[0]:
         raise InputError("this point has too few neighbors for a patch")
     grid = patches.bundle()
@@ -88,20 +85,21 @@ def view_of(shape: bridge.Geometry, row: int, settings: Settings) -> View:
     beside = [(i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)]
     n1, n2 = grid.points.shape[:2]
     jumps = [grid.points[a, b] for a, b in beside if 0 <= a < n1 and 0 <= b < n2]
-    along = [t[i, j] for t in grid.tangents(weights=used.weights)]
-    along.append(patches.normals(weights=used.weights)[0])
+    along = [t[i, j] for t in grid.tangents(weights=settings.weights)]
+    along.append(patches.normals(weights=settings.weights)[0])
     reach = float(patches.reach[0])
     frame = np.stack([patches.u[:, 0], patches.v[:, 0], patches.n[:, 0]])
     local = np.stack([patches.x[:, 0], patches.y[:, 0], patches.z[:, 0]], axis=1)
     tangents = np.array(along) / np.linalg.norm(along, axis=1, keepdims=True)
     return View(
-        points[row] + center,
+        shape.points[row],
         reach,
         surface,
         grid,
         local @ frame * reach,
         np.array(jumps),
-        0.8 * reach * tangents,
+        0.8 * reach * tangents[:2],
+        0.8 * reach * tangents[2],
     )
 
 
@@ -121,6 +119,9 @@ def show(context: Context, view: View, name: str) -> list[Object]:
             [np.array([np.zeros(3), end]) for end in view.tangents],
             _THICK * view.reach,
         ),
+        "Normal": bridge.new_lines(
+            [np.array([np.zeros(3), view.normal])], _THICK * view.reach
+        ),
     }
     made = []
     for part, data in parts.items():
@@ -128,6 +129,8 @@ def show(context: Context, view: View, name: str) -> list[Object]:
         data.materials.append(_paint(part))
         obj = bpy.data.objects.new(part, data)
         obj.location = view.place.tolist()
+        # The points that it is about would hide it.
+        obj.show_in_front = True
         home.objects.link(obj)
         made.append(obj)
     return made
@@ -171,7 +174,8 @@ class TIMESCALE_OT_show_patch(Operator):
                 shape = bridge.read_geometry(obj)
                 if picked is None:
                     picked = shape.nearest(context.scene.cursor.location)
-                view = view_of(shape, picked, settings_used(context, obj))
+                shape = parted(shape, obj, settings_of(context).split)
+                view = view_of(shape, picked, settings_used(context, obj, shape))
                 show(context, view, obj.name)
         except InputError as error:
             self.report({"ERROR"}, f"{obj.name}: {error}")
@@ -180,19 +184,36 @@ class TIMESCALE_OT_show_patch(Operator):
         return {"FINISHED"}
 
 
-def settings_used(context: Context, obj: Object) -> Settings:
-    """Return the settings of the last estimate, else those of the scene."""
+def parted(
+    shape: bridge.Geometry, obj: Object, split: Collection[str]
+) -> bridge.Geometry:
+    """Return the shape as the estimate takes it: marked edges end patches."""
+    fans = bridge.read_fans(obj, split)
+    if fans is None:
+        return shape
+    return replace(shape, points=shape.points[fans.vertex], faces=fans.faces)
+
+
+def settings_used(context: Context, obj: Object, shape: bridge.Geometry) -> Settings:
+    """Return the settings of the last estimate, else what those of the scene become.
+
+    Whether a mesh is so noisy that its patches are wide is known when all are fitted.
+    """
     summary = bridge.read_summary(obj).get("estimate")
     if summary is None:
         options = settings_of(context)
-        return Settings(
+        asked = Settings(
             method=options.method,
             neighbors=options.neighbors or None,
             radius=options.radius or None,
             graph=options.graph,
             patch=options.patch,
             weights=options.weights,
+            orientation="none",
         )
+        return estimate_normals(
+            shape.points, faces=shape.faces, settings=asked
+        ).settings
     names = ("method", "neighbors", "graph", "patch", "weights")
     return Settings(**{name: summary[name] for name in names})
 

@@ -19,7 +19,7 @@ from .inputs import (
     as_points,
 )
 from .meshes import WIDER, wants_wider, with_faces
-from .neighborhoods import Nearest, neighborhoods, unique_points
+from .neighborhoods import Nearest, neighborhoods, neighborhoods_of_all, unique_points
 from .orientation import Orientation, find_orientation
 from .patch import LEAST_NEIGHBORS, Patches
 from .settings import Settings
@@ -95,13 +95,7 @@ class Estimate:
         """Return neighborhoods, and the place in them of each point of the input."""
         if self._input is None:
             raise InputError("expected an estimate of estimate_normals for patches")
-        points, faces = self._input
-        place: IntArray = np.arange(len(points))
-        points = points - points.mean(axis=0)
-        kept, inverse = unique_points(points) if faces is None else (None, None)
-        if inverse is not None:
-            points, place = points[kept], inverse
-        return neighborhoods(points, faces, self.settings)[0], place
+        return neighborhoods_of_all(*self._input, self.settings)
 
     def summary(self) -> dict[str, object]:
         """Return what a report needs, as a dict of plain values."""

@@ -60,6 +60,31 @@ def neighborhoods(
     return Nearest(nearest, settings), settings
 
 
+def neighborhoods_of_all(
+    points: FloatArray, faces: IntArray | None, settings: Settings
+) -> "tuple[Nearest | Rings, IntArray]":
+    """Return the neighborhoods of points as they come, of which some share a place.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    settings : Settings
+        As used for all of them: see Estimate.
+
+    Returns
+    -------
+    source : Nearest or Rings
+    place : (n,) int
+        The row of the source that each point is.
+    """
+    place: IntArray = np.arange(len(points))
+    points = points - points.mean(axis=0)
+    kept, inverse = unique_points(points) if faces is None else (None, None)
+    if kept is not None and inverse is not None:
+        points, place = points[kept], inverse
+    return neighborhoods(points, faces, settings)[0], place
+
+
 def _fixed(settings):
     """Return neighbors and patch as asked for, or good ones without a look."""
     paper = settings.method == "paper"

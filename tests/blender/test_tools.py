@@ -101,9 +101,8 @@ def test_grid_of_a_patch_is_its_two_time_scales():
     curve = parts()["Time-Scale Grid"].data
     counts = sorted({len(spline.points) for spline in curve.splines})
     assert sum(len(s.points) for s in curve.splines) == 2 * counts[0] * counts[-1]
-    tangents = parts()["Tangents"].data.splines
-    assert len(tangents) == 3
-    first, second, normal = (np.array(s.points[1].co[:3]) for s in tangents)
+    lines = [*parts()["Tangents"].data.splines, *parts()["Normal"].data.splines]
+    first, second, normal = (np.array(s.points[1].co[:3]) for s in lines)
     assert abs(first @ normal) < 1e-4 * (normal @ normal)
     assert abs(second @ normal) < 1e-4 * (normal @ normal)
 
@@ -127,11 +126,39 @@ def test_patch_follows_the_settings_of_the_estimate():
     obj = scenes.new_cloud(scenes.ball())
     bpy.ops.timescale.estimate_normals(neighbors=20)
     bpy.ops.timescale.show_patch()
-    octahedra = len(parts()["Neighbors"].data.vertices) // 6
-    assert octahedra == 20
+    assert neighbors_shown() == 20
     found = json.loads(obj.data.timescale_normals.summary)["estimate"]
-    used = patch_view.settings_used(bpy.context, obj)
+    shape = patch_view.bridge.read_geometry(obj)
+    used = patch_view.settings_used(bpy.context, obj, shape)
     assert (used.neighbors, used.patch) == (20, found["patch"])
+
+
+def neighbors_shown():
+    # Each is an octahedron.
+    return len(parts()["Neighbors"].data.vertices) // 6
+
+
+def test_patch_of_a_noisy_mesh_is_as_wide_as_the_estimate_s():
+    obj = scenes.sphere(5)
+    rng = np.random.default_rng(0)
+    points = scenes.points_of(obj) + rng.normal(scale=0.02, size=(2562, 3))
+    obj.data.vertices.foreach_set("co", points.ravel())
+    obj.data.update()
+    bpy.ops.timescale.show_patch()
+    assert neighbors_shown() >= 30
+
+
+def test_patch_ends_at_sharp_edges():
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.subdivide(number_cuts=9)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.ops.object.shade_smooth_by_angle()
+    # One row below the rim of the upper face.
+    bpy.context.scene.cursor.location = (0, 0.8, 1)
+    bpy.ops.timescale.show_patch()
+    heights = scenes.points_of(parts()["Patch"])[:, 2]
+    assert np.abs(heights).max() < 1e-6
 
 
 def test_point_without_a_patch():
