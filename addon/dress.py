@@ -24,6 +24,9 @@ NAME = bridge.DRESS
 _DISC = "Time-Scale Disc"
 _CARRIED = ".ts_carried_color"
 
+# What changes in viewports.
+_LOOK = ("type", "color_type", "show_specular_highlight")
+
 # From an object to the copy beside it, in widths of the object.
 _GAP = 1.15
 
@@ -35,11 +38,13 @@ def show(context: Context, objects: Iterable[Object]) -> None:
     settings = settings_of(context)
     views = dict(_views())
     if not settings.views_before:
-        before = {key: [s.type, s.color_type] for key, s in views.items()}
+        before = {key: [getattr(s, name) for name in _LOOK] for key, s in views.items()}
         settings.views_before = json.dumps(before)
     for shading in views.values():
         # Solid shading shows colors at once, without a shader compiled.
         shading.color_type = "VERTEX"
+        # Gloss would change the colors.
+        shading.show_specular_highlight = False
         if shading.type in {"WIREFRAME", "MATERIAL"}:
             shading.type = "SOLID"
 
@@ -56,7 +61,8 @@ def hide(context: Context, objects: Iterable[Object]) -> None:
         before = json.loads(settings.views_before)
         for key, shading in _views():
             if key in before:
-                shading.type, shading.color_type = before[key]
+                for name, value in zip(_LOOK, before[key], strict=False):
+                    setattr(shading, name, value)
         settings.views_before = ""
 
 

@@ -16,8 +16,9 @@ import gpu
 import numpy as np
 from bpy.app.handlers import persistent
 from bpy.types import Context, Object, SpaceView3D
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.batch import batch_for_shader
-from mathutils import Color
+from mathutils import Color, Vector
 
 from ..core.faces import unit
 from . import bridge, coloring, dress
@@ -30,6 +31,7 @@ MOST = 50_000
 ESTIMATE = (0.13, 0.72, 0.78, 1.0)
 DELAUNAY = (0.95, 0.53, 0.16, 1.0)
 INVALID = (0.94, 0.16, 0.25, 1.0)
+_WHITE = (0.92, 0.92, 0.92, 1.0)
 
 # Of the legend, in pixels at a resolution scale of 1.
 _WIDTH, _BARS, _RAMP, _MARGIN = 300, 46, 10, 12
@@ -61,8 +63,8 @@ class Legend:
 
     Attributes
     ----------
-    heights : (b,) float64
-        Of the bars, 0 to 1.
+    heights, beside : (b,) float64
+        Of the bars, and of the other method where both are side by side; 0 to 1.
     colors : (b, 4) float32
         As they are on the screen.
     """
@@ -73,6 +75,7 @@ class Legend:
     middle: str
     high: str
     heights: np.ndarray
+    beside: np.ndarray | None
     colors: np.ndarray
 
 
@@ -130,22 +133,29 @@ def legend_of(obj: Object) -> Legend:
     bins = 2 if measure == "wins" else 40
     counts, edges = coloring.histogram(found, name, bins=bins, limit=limit)
     colors = coloring.colors_of(measure, (edges[1:] + edges[:-1]) / 2, high)
+    theirs = None
+    if _is_beside(obj, measure):
+        theirs, _ = coloring.histogram(
+            found, coloring.BESIDE[measure], bins=bins, limit=high
+        )
+        counts, _ = coloring.histogram(found, measure, bins=bins, limit=high)
+    most = max(1, counts.max(), 0 if theirs is None else theirs.max())
     shown = [Color(c[:3]).from_scene_linear_to_srgb()[:] for c in colors]
     return Legend(
         _title(obj, measure),
         f"{counts.sum():,} points",
         *_ticks(measure, low, high, counts, beyond=beyond),
-        counts / max(1, counts.max()),
+        counts / most,
+        None if theirs is None else theirs / most,
         np.concatenate([shown, np.ones((len(shown), 1))], axis=1),
     )
 
 
 def _title(obj: Object, measure: str) -> str:
     """Return what the scale is of; two measures while both are side by side."""
-    names = [measure_label(measure)]
-    if measure in coloring.BESIDE and bridge.has_attribute(obj, bridge.COLOR_BESIDE):
-        names.append(measure_label(coloring.BESIDE[measure]).rpartition(" ")[2])
-    title = ", ".join(names)
+    title = measure_label(measure)
+    if _is_beside(obj, measure):
+        title = f"{title}, Lines: Delaunay"
     # The infinity norm has no unit.
     return f"{title} (Coordinate)" if measure in _COORDINATES else title
 
@@ -172,6 +182,12 @@ def _ticks(
     last = f"{high:.3g}{unit}"
     middle = (low + high) / 2
     return f"{low:.3g}{unit}", f"{middle:.3g}{unit}", f"≥ {last}" if beyond else last
+
+
+def _is_beside(obj: Object, measure: str) -> bool:
+    """Whether the measure of the other method is shown beside that of an object."""
+    there = bridge.has_attribute(obj, bridge.COLOR_BESIDE)
+    return measure in coloring.BESIDE and there
 
 
 class Kept:
@@ -274,6 +290,7 @@ def _draw_legend() -> None:
     legend = _kept.get("legend", obj, (bridge.color_signature(obj),), _legend)
     if legend is not None:
         _draw(legend, context)
+        _draw_names(obj, context)
 
 
 def _legend(obj: Object) -> Legend | None:
@@ -309,10 +326,16 @@ def _draw(legend: Legend, context: Context) -> None:
     above = [(left, y + ramp + 3 * scale) for left, _ in lefts]
     sizes = [(max(1.0, step - scale), height * bars) for height in legend.heights]
     _fill(above, sizes, legend.colors)
+    if legend.beside is not None:
+        marks = [
+            (left, y + ramp + (2 + height * _BARS) * scale)
+            for (left, _), height in zip(lefts, legend.beside, strict=True)
+        ]
+        _fill(marks, [(step, 2 * scale)] * len(marks), [_WHITE] * len(marks))
     gpu.state.blend_set("NONE")
     font, size = 0, 11 * scale
     blf.size(font, size)
-    blf.color(font, 0.92, 0.92, 0.92, 1)
+    blf.color(font, *_WHITE)
     title = y + ramp + bars + 12 * scale
     _write(font, legend.title, x, title, 0)
     _write(font, legend.count, x + width, title, 1)
@@ -320,6 +343,25 @@ def _draw(legend: Legend, context: Context) -> None:
     _write(font, legend.low, x, below, 0)
     _write(font, legend.middle, x + width / 2, below, 0.5)
     _write(font, legend.high, x + width, below, 1)
+
+
+def _draw_names(obj: Object, context: Context) -> None:
+    """Write which method is which above objects that are side by side."""
+    if not bridge.has_attribute(obj, bridge.COLOR_BESIDE):
+        return
+    scale = context.preferences.system.ui_scale
+    font = 0
+    blf.size(font, 14 * scale)
+    for shown, name in ((obj, "Estimate"), (bridge.object_beside(obj), "Delaunay")):
+        if shown is None:
+            continue
+        found = [
+            location_3d_to_region_2d(context.region, context.region_data, Vector(c))
+            for c in bridge.bounds(shown)
+        ]
+        if None not in found:
+            x, y = np.mean([p.x for p in found]), max(p.y for p in found)
+            _write(font, name, x, y + 6 * scale, 0.5)
 
 
 def _write(font: int, text: str, x: float, y: float, anchor: float) -> None:

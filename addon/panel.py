@@ -195,7 +195,7 @@ def result_rows(summary: dict) -> list[tuple[str, ...]]:
     if shown.get("normals", 0) > shown["valid"]:
         shown["parted"] = shown["normals"]
     return [
-        (label, _text(shown[key]) + (" %" if key.endswith("_percent") else ""))
+        (label, _percent(shown[key]) if key.endswith("_percent") else _text(shown[key]))
         for key, label in ESTIMATE_ROWS
         if shown.get(key)
     ]
@@ -238,6 +238,10 @@ def comparison_rows(summary: dict) -> list[tuple[str, ...]]:
             names = [name.replace("error_deviation", "deviation") for name in names]
             rows.append((label, *(_text(summary[name]) + unit for name in names)))
     return rows
+
+
+def _percent(value: float) -> str:
+    return f"{value:.3g} %" if value >= 0.001 else "under 0.001 %"
 
 
 def _text(value: object) -> str:

@@ -34,10 +34,12 @@ def window(program):
         """
 if bpy.context.mode != "OBJECT":
     bpy.ops.object.mode_set(mode="OBJECT")
-bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
+shapes = [*bpy.data.meshes, *bpy.data.pointclouds, *bpy.data.collections]
+bpy.data.batch_remove([*bpy.data.objects, *shapes])
 bpy.context.scene.property_unset("timescale_normals")
 area.spaces.active.shading.type = "SOLID"
 area.spaces.active.shading.color_type = "MATERIAL"
+area.spaces.active.overlay.show_outline_selected = True
 bpy.ops.ed.undo_push(message="Empty")
 """
     )
@@ -52,6 +54,7 @@ def picture(window, request):
 
     def take(name=""):
         label = request.node.name.removeprefix("test_") + (name and f"_{name}")
+        label = label.replace("[", "_").replace("]", "")
         return window.picture(PICTURES / f"{label}.png")
 
     return take

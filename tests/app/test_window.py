@@ -25,10 +25,15 @@ bpy.ops.ed.undo_push(message="Long")
 HAS = "{!r} in bpy.context.object.data.attributes"
 NAMES = "result = sorted(bpy.context.object.data.attributes.keys())"
 RUNNING = "[o.bl_idname for o in window.modal_operators]"
+# The sidebar covers the right: what is looked at is left of it.
 LOOK = """
+area.spaces.active.region_3d.view_perspective = "PERSP"
 with bpy.context.temp_override(window=window, area=area, region=region):
     bpy.ops.view3d.view_selected()
+area.spaces.active.region_3d.view_distance *= 1.3
 """
+# Gray is 0, the colors of a legend are 0.3 and more.
+COLORFUL = 0.2
 
 
 def add(window, call):
@@ -57,6 +62,130 @@ def test_button_compares_and_the_colors_are_visible(window, picture):
     window.wait_for("not " + has("ts_error_color"))
     assert window.ask("result = area.spaces.active.shading.color_type") == "MATERIAL"
     picture("cleared")
+
+
+def test_colors_of_points_are_visible_at_once(window, picture):
+    """Without a shader to wait for, whichever shading there was."""
+    add(window, "bpy.ops.timescale.add_samples(shape='torus', count=3000, noise=0.3)")
+    # The outline of what is selected has a color of its own.
+    window.ask("area.spaces.active.overlay.show_outline_selected = False")
+    before = window.saturation()
+    window.press("timescale.compare_delaunay")
+    window.wait_for(has("ts_error_color"))
+    picture()
+    assert window.ask("result = area.spaces.active.shading.type") == "SOLID"
+    assert before < COLORFUL < window.saturation()
+    # The samples know their true normals.
+    assert window.ask("result = " + has("delaunay_error"))
+    window.press("timescale.hide_colors")
+    window.wait_for("not bpy.context.object.modifiers")
+    assert window.saturation() < COLORFUL
+
+
+def test_both_methods_are_seen_side_by_side(window, picture):
+    add(window, "bpy.ops.timescale.add_samples(shape='torus', count=3000, noise=0.3)")
+    window.press("timescale.compare_delaunay")
+    window.wait_for(has("ts_error_color"))
+    window.press("timescale.side_by_side")
+    window.wait_for("len(bpy.data.objects) > 1 and " + has("delaunay_error_color"))
+    picture()
+    names = window.ask("result = [o.name for o in bpy.context.scene.objects]")
+    assert names == ["Torus Samples", "Torus Samples Delaunay"]
+    window.press("timescale.side_by_side")
+    window.wait_for("not " + has("delaunay_error_color"))
+    assert window.ask("result = len(bpy.context.scene.objects)") == 1
+
+
+SIDE = """
+bpy.ops.mesh.primitive_cylinder_add(vertices=48, depth=1)
+bpy.ops.object.mode_set(mode="EDIT")
+bpy.ops.mesh.select_all(action="SELECT")
+bpy.ops.mesh.subdivide(number_cuts=3)
+bpy.ops.object.mode_set(mode="OBJECT")
+bpy.ops.object.shade_smooth()
+mesh = bpy.context.object.data
+ends = [abs(face.normal.z) > 0.5 for face in mesh.polygons]
+"""
+MARKS = {
+    "sharp": "bpy.ops.object.shade_smooth_by_angle()",
+    "seams": """
+import bmesh
+work = bmesh.new()
+work.from_mesh(mesh)
+for edge in work.edges:
+    flat = [abs(face.normal.z) > 0.5 for face in edge.link_faces]
+    edge.seam = any(flat) and not all(flat)
+work.to_mesh(mesh)
+""",
+    "materials": """
+for name in "ab":
+    mesh.materials.append(bpy.data.materials.new(name))
+mesh.polygons.foreach_set("material_index", [int(end) for end in ends])
+mesh.update()
+""",
+}
+# The least height of the normals at corners of the flat ends.
+UP = """
+mesh = bpy.context.object.data
+result = min(
+    abs(mesh.corner_normals[i].vector.z)
+    for face in mesh.polygons if abs(face.normal.z) > 0.5
+    for i in face.loop_indices
+)
+"""
+
+
+@pytest.mark.parametrize("marks", MARKS)
+def test_marked_edges_split_the_normals(window, picture, marks):
+    add(window, SIDE + MARKS[marks])
+    settings = "bpy.context.scene.timescale_normals"
+    window.ask(f"{settings}.split = set()")
+    window.press("timescale.estimate_normals")
+    window.wait_for(has("ts_normal"))
+    assert window.ask(UP) < 0.9
+    picture("not")
+    window.ask(f"{settings}.split = {{{marks!r}}}")
+    window.press("timescale.estimate_normals")
+    window.wait_for(
+        "bpy.context.object.data.attributes['custom_normal'].domain == 'CORNER'"
+    )
+    assert window.ask(UP) > 0.999
+    picture()
+
+
+MILLION = """
+import numpy as np
+n = 1_000_000
+turn = np.arange(n) * (np.pi * (3 - np.sqrt(5)))
+z = 1 - (2 * np.arange(n) + 1) / n
+flat = np.sqrt(1 - z * z)
+points = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+mesh = bpy.data.meshes.new("Million")
+mesh.vertices.add(n)
+mesh.attributes["position"].data.foreach_set("vector", points.astype("f").ravel())
+obj = bpy.data.objects.new("Million", mesh)
+bpy.context.collection.objects.link(obj)
+obj.select_set(True)
+bpy.context.view_layer.objects.active = obj
+bpy.ops.object.convert(target="POINTCLOUD")
+bpy.ops.timescale.estimate_normals(method="time_scale", orientation="outward")
+"""
+
+
+def test_normals_of_a_million_points_are_a_drawn_share(window, picture):
+    window.ask(MILLION, 300)
+    window.ask(LOOK, 300)
+    window.ask("bpy.context.scene.timescale_normals.show_normals = True", 300)
+    picture()
+    drawn = """
+import sys
+overlay = sys.modules["bl_ext.user_default.timescale_normals.addon.overlay"]
+kept = [found[2] for key, found in overlay._kept._found.items() if key[0] == "lines"]
+lines = overlay.lines_of(bpy.context.object, share=1.0, length=1.0, baseline=False)
+result = [len(kept), len(lines.estimate) // 2]
+"""
+    assert window.ask(drawn, 300) == [1, 50_000]
+    window.ask("bpy.data.objects.remove(bpy.context.object)", 300)
 
 
 def test_escape_ends_a_long_run_and_leaves_the_object_alone(window, picture):

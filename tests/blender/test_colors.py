@@ -304,7 +304,10 @@ def test_both_methods_are_side_by_side_in_one_range(make):
     for shown, measure in ((obj, "error_estimate"), (other, "error_baseline")):
         expected = found.colors(measure, limit=limit)
         np.testing.assert_allclose(worn(shown), expected, atol=1e-3)
-    assert overlay.legend_of(obj).title == "Error of Estimate, Delaunay (Coordinate)"
+    assert (
+        overlay.legend_of(obj).title
+        == "Error of Estimate, Lines: Delaunay (Coordinate)"
+    )
     assert bpy.context.object == obj
     assert bpy.context.selected_objects == [obj]
 
@@ -396,6 +399,23 @@ def test_legend_has_the_points_and_colors_of_its_measure(measure):
     assert ((legend.colors >= 0) & (legend.colors <= 1)).all()
     assert legend.low
     assert legend.high
+    assert legend.beside is None
+
+
+def test_legend_of_both_methods_has_both_histograms():
+    obj = with_truth(scenes.sphere())
+    compare(truth="true_normal", color_by="angle_estimate")
+    beside()
+    legend = overlay.legend_of(obj)
+    found = coloring.read_comparison(obj)
+    limit = found.limits("angle_baseline")[1]
+    counts = [
+        found.histogram(measure, bins=40, limit=limit)[0]
+        for measure in ("angle_estimate", "angle_baseline")
+    ]
+    np.testing.assert_allclose(
+        [legend.heights, legend.beside], np.array(counts) / np.max(counts)
+    )
 
 
 @pytest.mark.parametrize("measure", MEASURES)
