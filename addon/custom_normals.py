@@ -18,6 +18,8 @@ from .arrays import BACKUP, CUSTOM_NORMAL, KINDS, Array, Kind
 
 # Marks the edges that were made sharp for normals in tangent space.
 _SHARPENED = ".timescale_sharp"
+# What is made for a moment.
+_WORK = "Time-Scale Work"
 # Where Blender keeps what edges and faces are marked with.
 _MARKS = ("sharp_edge", "sharp_face", "uv_seam", "material_index")
 
@@ -174,11 +176,8 @@ def write_vertices(
 
 def _write_vertices_in_tangent_space(mesh: Any, normals: Array, kept: Array) -> None:
     """Write normals of vertices; zeros stand for what Blender computes itself."""
-    sharp = "sharp_edge" in mesh.attributes
-    mesh.normals_split_custom_set_from_vertices(_rows(normals))
-    if not sharp:
-        # Blender adds it here; with nothing marked it is as good as not there.
-        arrays.remove(mesh, "sharp_edge")
+    bits, _ = _in_tangent_space(mesh, normals, "POINT")
+    arrays.write(mesh, CUSTOM_NORMAL, "INT16_2D", bits, domain="CORNER")
     if kept.any():
         _keep_bits(mesh, kept)
 
@@ -202,14 +201,14 @@ def write_corners(
     if edges is not None:
         # Corners that no sharp edge separates share a tangent space and a normal.
         _write_flags(mesh, "sharp_edge", sharp | edges)
-    mesh.normals_split_custom_set(_rows(normals))
     # Blender sharpens more where corners differ.
-    made = _sharp_edges(mesh) & ~sharp
+    bits, after = _in_tangent_space(mesh, normals, "CORNER")
+    arrays.write(mesh, CUSTOM_NORMAL, "INT16_2D", bits, domain="CORNER")
+    made = after & ~sharp
     if made.any():
+        _write_flags(mesh, "sharp_edge", after)
         _write_flags(mesh, _SHARPENED, made)
         mesh.timescale_normals.had_sharp_edges = there
-    elif not there:
-        arrays.remove(mesh, "sharp_edge")
     touched = np.zeros(len(mesh.vertices), dtype=np.bool_)
     touched[arrays.get(mesh.edges, Kind("vertices", np.int32, 2))[made]] = True
     _keep_bits(mesh, kept & ~touched[arrays.corner_vertices(mesh)])
@@ -234,11 +233,63 @@ def _write_flags(mesh: Any, name: str, flags: Array) -> None:
         arrays.write(mesh, name, "BOOLEAN", flags, domain="EDGE")
 
 
-def _rows(normals: Array) -> Any:
-    """Return normals in the form that Blender reads fastest."""
-    rows = np.asarray(normals, dtype=np.float32)
-    # From 5.1 on, a list is twice as fast as an array.
-    return rows.tolist() if bpy.app.version >= (5, 1, 0) else rows
+def _in_tangent_space(mesh: Any, normals: Array, domain: str) -> tuple[Array, Array]:
+    """Return normals as Blender keeps them in tangent space, and the edges for it.
+
+    A node does it, to the bit as the methods of meshes do, which read numbers from
+    Python one by one and take several times as long.
+
+    Parameters
+    ----------
+    normals : (n, 3) or (c, 3) float
+    domain : "POINT" | "CORNER"
+
+    Returns
+    -------
+    bits : (c, 2) int16
+    sharp : (e,) bool
+        The edges that have to be sharp.
+    """
+    copy = mesh.copy()
+    obj = bpy.data.objects.new(_WORK, copy)
+    scene = bpy.data.scenes.new(_WORK)
+    tree = _tangent_space_nodes(domain)
+    modifier: Any = obj.modifiers.new(_WORK, "NODES")
+    modifier.node_group = tree
+    try:
+        if copy.shape_keys:
+            # The bits are those of the shape without them.
+            obj.shape_key_clear()
+        arrays.write(copy, _WORK, "FLOAT_VECTOR", normals, domain=domain)
+        scene.collection.objects.link(obj)
+        layer = scene.view_layers[0]
+        with bpy.context.temp_override(scene=scene, view_layer=layer):
+            depsgraph = bpy.context.evaluated_depsgraph_get()
+            made = obj.evaluated_get(depsgraph).data
+            bits = arrays.read(made, CUSTOM_NORMAL, "INT16_2D", domain="CORNER")
+            return bits, _sharp_edges(made)
+    finally:
+        bpy.data.batch_remove([scene, obj, copy, tree])
+
+
+def _tangent_space_nodes(domain: str) -> Any:
+    """Return nodes that make custom normals of an attribute."""
+    tree: Any = bpy.data.node_groups.new(_WORK, "GeometryNodeTree")
+    for direction in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket(
+            "Geometry", in_out=direction, socket_type="NodeSocketGeometry"
+        )
+    nodes, links = tree.nodes, tree.links
+    first, last = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
+    asked = nodes.new("GeometryNodeInputNamedAttribute")
+    asked.data_type = "FLOAT_VECTOR"
+    asked.inputs["Name"].default_value = _WORK
+    custom = nodes.new("GeometryNodeSetMeshNormal")
+    custom.mode, custom.domain = "TANGENT_SPACE", domain
+    links.new(first.outputs[0], custom.inputs["Mesh"])
+    links.new(asked.outputs["Attribute"], custom.inputs["Custom Normal"])
+    links.new(custom.outputs[0], last.inputs[0])
+    return tree
 
 
 def _keep_bits(mesh: Any, kept: Array) -> None:
