@@ -10,6 +10,7 @@ MODULES = (
     "settings",
     "run",
     "operators",
+    "sides",
     "coloring",
     "dress",
     "overlay",

@@ -24,7 +24,7 @@ from bpy.types import Context, Mesh, Object, PointCloud
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
-from ..core.faces import unit
+from ..core.faces import fan_means, unit
 from ..core.inputs import as_normals
 from . import arrays, custom_normals
 from .arrays import (
@@ -114,6 +114,20 @@ class Geometry:
     def nearest(self, place: Any) -> int:
         """Return which point is nearest to a place of the world."""
         return int(np.square(self.points - np.asarray(place)).sum(axis=1).argmin())
+
+    def first_along(self, start: Any, direction: Any) -> int:
+        """Return the point that a ray from a place of the world meets first.
+
+        Of those about as near to the ray as the nearest, the one in front.
+        """
+        way = unit(np.asarray(direction, dtype=np.float64))
+        offset = self.points - np.asarray(start)
+        ahead = offset @ way
+        beside = np.linalg.norm(offset - ahead[:, None] * way, axis=1)
+        beside[ahead <= 0] = np.inf
+        # A hundredth of the size is about what a pointer covers.
+        near = beside <= beside.min() + 0.01 * np.ptp(self.points, axis=0).max()
+        return int(np.where(near & (ahead > 0), ahead, np.inf).argmin())
 
     def to_object(self, normals: Array) -> Array:
         """Turn (n, 3) normals of the world into unit normals of the object.
@@ -218,6 +232,12 @@ def active_vertex(obj: Object) -> int | None:
         return None
     active = bmesh.from_edit_mesh(_data(obj)).select_history.active
     return active.index if isinstance(active, bmesh.types.BMVert) else None
+
+
+def in_edit_mode(context: Context) -> bool:
+    """Whether the active object is in Edit Mode."""
+    active = context.view_layer.objects.active
+    return active is not None and active.mode == "EDIT"
 
 
 def has_targets(context: Context) -> bool:
@@ -446,6 +466,47 @@ def read_weight(obj: Object, region: str, vertex_group: str) -> Array:
     return weight
 
 
+def read_selected(obj: Object) -> Array:
+    """Return which points are selected in Edit Mode, (n,) bool.
+
+    Raises
+    ------
+    ObjectError
+        When none is.
+    """
+    data = _data(obj)
+    name = ".selection" if isinstance(data, PointCloud) else ".select_vert"
+    # Blender leaves the attribute out where nothing is selected, or all points are.
+    chosen = np.full(data.attributes.domain_size("POINT"), name == ".selection")
+    if name in data.attributes:
+        chosen = arrays.read(data, name, data.attributes[name].data_type) > 0
+    if not chosen.any():
+        raise ObjectError("none of its points is selected")
+    return chosen
+
+
+def read_facing(obj: Object, name: str) -> Array:
+    """Return the normals that the points of an object show, (n, 3) float64.
+
+    The estimated ones; where there are none, those of an attribute, and of a mesh with
+    faces the means of what its corners are shaded with.
+
+    Raises
+    ------
+    AttributeMismatchError
+        When points without faces have no such attribute.
+    """
+    if has_estimate(obj) or is_cloud(obj):
+        return read_normals(obj, _kept_in(obj, name))
+    mesh = _data(obj)
+    shown = arrays.corner_normals(mesh).astype(np.float64)
+    return fan_means(shown, arrays.corner_vertices(mesh), len(mesh.vertices))
+
+
+def _kept_in(obj: Object, name: str) -> str:
+    return "ts_normal" if has_estimate(obj) else name
+
+
 def read_attribute(obj: Object, name: str, kind: str) -> Array:
     """Return an attribute of the points, (n,) or (n, width).
 
@@ -492,6 +553,20 @@ def is_split(obj: Object) -> bool:
     """Whether an object's estimate differs on both sides of edges."""
     found = read_summary(obj).get("estimate", {})
     return found.get("normals", 0) > found.get("valid", 0)
+
+
+def read_places(obj: Object, name: str) -> Array:
+    """Return a vector attribute of the points as places of the world, (n, 3) float64.
+
+    Raises
+    ------
+    InputError
+        When there is no such attribute, or values in it are not finite.
+    """
+    places = read_attribute(obj, name, "FLOAT_VECTOR")
+    places = as_normals(places, len(places), name=f'values in "{name}"')
+    matrix = np.array(obj.matrix_world)
+    return places @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def has_estimate(obj: Object) -> bool:
@@ -580,6 +655,25 @@ def write_estimate(
         else:
             _write_of_corners(data, normals, valid, storage, weight, corners)
     write_results(obj, {"ts_normal": normals, "ts_valid": valid})
+
+
+def turn_normals(obj: Object, turned: Array, name: str) -> None:
+    """Turn over the normals of some points, (n,) bool, where `read_facing` found them.
+
+    Custom normals of a mesh that had no result are set aside before, as in a run.
+    """
+    data = _data(obj)
+    if has_estimate(obj) or is_cloud(obj):
+        name = _kept_in(obj, name)
+        vectors = arrays.read(data, name, "FLOAT_VECTOR")
+        vectors[turned] *= -1
+        arrays.put(data.attributes[name].data, KINDS["FLOAT_VECTOR"], vectors)
+    if not is_cloud(obj):
+        shown = arrays.corner_normals(data)
+        if not _is_ours(data):
+            _claim(data)
+        custom_normals.turn(data, shown, turned)
+    _changed(data)
 
 
 def write_results(obj: Object, results: Mapping[str, Array | None]) -> None:

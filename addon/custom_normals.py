@@ -305,3 +305,39 @@ def _keep_bits(mesh: Any, kept: Array) -> None:
     # Zeros stand for what Blender computes itself.
     values[kept] = 0 if backup is None else arrays.get(backup.data, kind)[kept]
     arrays.put(mesh.attributes[CUSTOM_NORMAL].data, kind, values)
+
+
+# Turning over
+
+
+def turn(mesh: Any, shown: Array, turned: Array) -> None:
+    """Turn over the normals of some vertices, in the form that they are kept in.
+
+    Parameters
+    ----------
+    shown : (c, 3) float
+        The normals of the corners.
+    turned : (n,) bool
+    """
+    there = mesh.attributes.get(CUSTOM_NORMAL)
+    kept = there or mesh.attributes.get(BACKUP + CUSTOM_NORMAL)
+    free = kept is None or kept.data_type == "FLOAT_VECTOR"
+    if free and there is not None and there.domain == "POINT":
+        vectors = arrays.get(there.data, KINDS["FLOAT_VECTOR"])
+        arrays.put(there.data, KINDS["FLOAT_VECTOR"], _turned(vectors, turned))
+        return
+    shown = _turned(shown, turned[arrays.corner_vertices(mesh)])
+    if free:
+        arrays.remove(mesh, CUSTOM_NORMAL)
+        arrays.write(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", shown, domain="CORNER")
+        return
+    earlier, had = _sharpened(mesh), mesh.timescale_normals.had_sharp_edges
+    nothing = np.zeros(len(shown), dtype=np.bool_)
+    write_corners(mesh, shown, nothing, "tangent_space", None)
+    if earlier.any():
+        _write_flags(mesh, _SHARPENED, earlier | _sharpened(mesh))
+        mesh.timescale_normals.had_sharp_edges = had
+
+
+def _turned(vectors: Array, which: Array) -> Array:
+    return np.where(which[:, None], -vectors, vectors)

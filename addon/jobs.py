@@ -16,7 +16,7 @@ from .. import core
 from ..core.faces import fan_means
 from . import bridge, coloring
 from .arrays import ObjectError
-from .settings import Options, reference_of, to_core
+from .settings import Options, place_of, reference_of, to_core
 
 Progress = Callable[[float], object]
 
@@ -43,6 +43,8 @@ class Job:
         How edges part a mesh. The estimate is then of fans, the rest of vertices.
     corners : Corners or None
         The normals where edges part a mesh, in object space.
+    orientation : Orientation or None
+        Sides of normals that were there before.
     estimate : Estimate or None
         None where an earlier one is compared.
     normals, baseline, truth : (n, 3) float64 or None
@@ -53,6 +55,8 @@ class Job:
         Where `truth` is to be taken from.
     guide : Surface or None
         Whose side the normals are to take.
+    task : object
+        What an operator wants beside settings, in its own terms.
     stale : bool
         Whether someone changed or removed the object while its job was computed.
     notes : list of (level, sentence)
@@ -68,6 +72,7 @@ class Job:
     before: Any = None
     fans: Any = None
     corners: bridge.Corners | None = None
+    orientation: Any = None
     estimate: core.Estimate | None = None
     normals: Any = None
     valid: Any = None
@@ -75,6 +80,7 @@ class Job:
     truth: Any = None
     surface: bridge.Surface | None = None
     guide: bridge.Surface | None = None
+    task: Any = None
     done: bool = False
     error: str = ""
     stale: bool = False
@@ -111,8 +117,17 @@ def read_shape(job: Job, options: Options) -> None:
     job.fingerprint = bridge.fingerprint(job.obj)
     if options.use_modifiers and options.storage == "tangent_space":
         raise core.InputError(AFTER_MODIFIERS)
+    if job.settings.orientation == "viewpoint":
+        job.settings = replace(job.settings, viewpoint=viewpoint_of(job, options))
     if job.settings.orientation == "reference":
         read_reference(job, options)
+
+
+def viewpoint_of(job: Job, options: Any) -> Any:
+    """Return the place in the world that normals are to face, or one for each point."""
+    if not options.viewpoint_attribute:
+        return place_of(options)
+    return bridge.read_places(job.obj, options.viewpoint_attribute)
 
 
 def read_reference(job: Job, options: Options) -> None:
@@ -178,9 +193,7 @@ def estimate(job: Job, progress: Progress) -> None:
         settings = replace(settings, reference=job.guide.normals_near(points))
     if fans is not None:
         points, faces = points[fans.vertex], fans.faces
-        if settings.reference is not None:
-            reference = np.asarray(settings.reference)[fans.vertex]
-            settings = replace(settings, reference=reference)
+        settings = _of_fans(settings, fans.vertex)
     found = core.estimate_normals(
         points, faces=faces, settings=settings, progress=progress
     )
@@ -192,6 +205,17 @@ def estimate(job: Job, progress: Progress) -> None:
         )
         job.normals = fan_means(job.normals, fans.vertex, len(shape.points))
         job.valid = (job.normals != 0).any(axis=1)
+
+
+def _of_fans(settings: core.Settings, vertex: Any) -> core.Settings:
+    """Return settings with what each vertex brings given to its fans."""
+    viewpoint: Any = settings.viewpoint
+    reference: Any = settings.reference
+    if np.ndim(viewpoint) == 2:
+        viewpoint = viewpoint[vertex]
+    if reference is not None:
+        reference = reference[vertex]
+    return replace(settings, viewpoint=viewpoint, reference=reference)
 
 
 def estimate_and_compare(job: Job, progress: Progress) -> None:

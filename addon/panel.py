@@ -22,6 +22,7 @@ from .settings import (
 )
 
 ESTIMATE, COMPARE, CLEAR = (operator.bl_idname for operator in OPERATORS)
+REORIENT = "timescale.reorient_normals"
 
 # Rows of the last result: key of the core's summary, label.
 ESTIMATE_ROWS = (
@@ -35,7 +36,10 @@ ESTIMATE_ROWS = (
     ("graph", "Graph"),
     ("orientation", "Orientation"),
     ("pieces", "Pieces"),
+    ("turned", "Turned Over"),
     ("uncertain_percent", "Side Uncertain"),
+    ("disagreeing_percent", "Sides Disagree"),
+    ("inconsistent", "Faces Disagree"),
 )
 STATISTICS = (("rms", "RMS"), ("median", "Median"), ("p95", "95 %"), ("max", "Maximum"))
 
@@ -68,6 +72,9 @@ class VIEW3D_PT_timescale(_InSidebar):
         _button(column, COMPARE, context, icon="MOD_TRIANGULATE")
         column.separator(type="LINE")
         column.operator("timescale.show_patch", icon="SURFACE_NSURFACE")
+        row = column.row(align=True)
+        for mode, text in (("flip", "Flip"), ("auto", "Reorient")):
+            _button(row, REORIENT, context, text=text).mode = mode
         column.operator(CLEAR, icon="LOOP_BACK")
 
 
@@ -179,6 +186,7 @@ class VIEW3D_MT_object_timescale(Menu):
         """List the operators."""
         for name in (ESTIMATE, COMPARE):
             _button(self.layout, name, context)
+        _button(self.layout, REORIENT, context)
         self.layout.operator("timescale.show_patch")
         self.layout.operator(CLEAR)
 
@@ -186,9 +194,9 @@ class VIEW3D_MT_object_timescale(Menu):
 def result_rows(summary: dict) -> list[tuple[str, ...]]:
     """Return label and value of each row about an estimate; zeros are left out."""
     shown = dict(summary)
-    if "uncertain" in shown:
+    for key in {"uncertain", "disagreeing"} & shown.keys():
         # Less than a tenth of a per cent is as good as nothing.
-        shown["uncertain_percent"] = round(100 * shown["uncertain"], 1)
+        shown[f"{key}_percent"] = round(100 * shown[key], 1)
     if 2 * shown.get("from_faces", 0) > shown["points"]:
         # Patches that were not taken say little about the points.
         shown["noise_percent"] = None
@@ -268,11 +276,20 @@ def _draw_run(layout: Layout) -> None:
         row.operator("timescale.stop", text="", icon="X")
 
 
-def _button(layout: Layout, name: str, context: Any, *, icon: Any = "NONE") -> None:
-    button: Any = layout.operator(name, icon=icon)
+def _button(
+    layout: Layout,
+    name: str,
+    context: Any,
+    *,
+    icon: Any = "NONE",
+    text: str | None = None,
+) -> Any:
+    """Draw a button with the settings of the scene; return its properties."""
+    button: Any = layout.operator(name, icon=icon, text=text)
     fill(button, context)
     if name == COMPARE and not button.truth_object and not button.truth:
         button.truth = known_truth(context.object)
+    return button
 
 
 def known_truth(obj: Any) -> str:

@@ -49,7 +49,7 @@ _WEIGHTS = {
     "second_order": "Exact for quadratic surfaces on uneven spacing",
     "paper": "As published",
 }
-_ORIENTATIONS = {
+ORIENTATIONS = {
     "auto": "By the faces where there are any, else chosen from the points",
     "poles": "By what is inside and outside of the whole, cavities too",
     "propagate": "From point to point along the surface, outside out",
@@ -142,7 +142,36 @@ def _limits(name: str) -> dict[str, float]:
     return {"min": 0} if high is None else {"min": 0, "max": high}
 
 
-class EstimateOptions:
+class SideOptions:
+    """What decides the sides, beside the orientation."""
+
+    nested: _choice(
+        "nested", _NESTED, "What a piece inside another one is", label="Inner Pieces"
+    )
+    viewpoint: FloatVectorProperty(
+        name="Viewpoint",
+        description="Place in the scene that normals face, when no object is chosen",
+        size=3,
+        subtype="TRANSLATION",
+    )
+    viewpoint_attribute: StringProperty(
+        name="Viewpoints",
+        description=(
+            "Vector attribute with the place of the sensor that saw each point, in "
+            "the axes of the object"
+        ),
+    )
+    reference: StringProperty(
+        name="Reference",
+        description=(
+            "Vector attribute of the points whose side the normals take, when no "
+            "object is chosen"
+        ),
+        default="normal",
+    )
+
+
+class EstimateOptions(SideOptions):
     """What the settings of a scene and the properties of an operator share."""
 
     method: _choice(
@@ -172,24 +201,7 @@ class EstimateOptions:
     graph: _choice("graph", _GRAPHS, "Which points count as neighbors")
     patch: _choice("patch", _PATCHES, "Which surfaces are fitted")
     weights: _choice("weights", _WEIGHTS, "How the two one-sided slopes are mixed")
-    orientation: _choice("orientation", _ORIENTATIONS, "Which side the normals face")
-    nested: _choice(
-        "nested", _NESTED, "What a piece inside another one is", label="Inner Pieces"
-    )
-    viewpoint: FloatVectorProperty(
-        name="Viewpoint",
-        description="Place in the scene that normals face, when no object is chosen",
-        size=3,
-        subtype="TRANSLATION",
-    )
-    reference: StringProperty(
-        name="Reference",
-        description=(
-            "Vector attribute of the points whose side the normals take, "
-            "when no object is chosen"
-        ),
-        default="normal",
-    )
+    orientation: _choice("orientation", ORIENTATIONS, "Which side the normals face")
     storage: EnumProperty(
         name="Storage",
         description="How the normals of a mesh are kept",
@@ -311,12 +323,6 @@ class TimeScaleSettings(EstimateOptions, CompareOptions, bpy.types.PropertyGroup
         description="Camera or other object that normals face",
         type=bpy.types.Object,
     )
-    truth_object: PointerProperty(
-        name="True Surface",
-        description="Mesh whose nearest surface has the true normals",
-        type=bpy.types.Object,
-        poll=_is_mesh,
-    )
     reference_object: PointerProperty(
         name="Like Object",
         description="Mesh whose nearest surface says which side is out",
@@ -429,14 +435,7 @@ def draw_estimate(layout: Layout, options: Options, obj: Owner) -> None:
     row.use_property_split = False
     row.prop(options, "method", expand=True)
     layout.prop(options, "orientation")
-    if options.orientation == "viewpoint":
-        layout.prop_search(options, "viewpoint_object", bpy.data, "objects")
-        if not options.viewpoint_object:
-            layout.prop(options, "viewpoint", text="Place")
-    if options.orientation == "reference":
-        layout.prop_search(options, "reference_object", bpy.data, "objects")
-        if not options.reference_object:
-            _draw_attribute(layout, options, "reference", obj)
+    draw_guides(layout, options, options.orientation, obj)
     if obj is not None and obj.type == "MESH":
         # Three switches side by side are too narrow for their words.
         layout.column().prop(options, "split")
@@ -444,6 +443,20 @@ def draw_estimate(layout: Layout, options: Options, obj: Owner) -> None:
         if options.region == "group":
             layout.prop_search(options, "vertex_group", obj, "vertex_groups", text=" ")
     layout.prop(options, "strength")
+
+
+def draw_guides(layout: Layout, options: Any, orientation: str, obj: Owner) -> None:
+    """Show what an orientation is to go by."""
+    if orientation == "viewpoint":
+        _draw_attribute(layout, options, "viewpoint_attribute", obj)
+        if not options.viewpoint_attribute:
+            layout.prop_search(options, "viewpoint_object", bpy.data, "objects")
+            if not options.viewpoint_object:
+                layout.prop(options, "viewpoint", text="Place")
+    if orientation == "reference":
+        layout.prop_search(options, "reference_object", bpy.data, "objects")
+        if not options.reference_object:
+            _draw_attribute(layout, options, "reference", obj)
 
 
 def draw_details(layout: Layout, options: Options) -> None:
@@ -474,7 +487,7 @@ def _draw_attribute(layout: Layout, options: Options, name: str, obj: Owner) -> 
 
 
 def to_core(options: Any) -> Settings:
-    """Return the core's settings from an operator, all but each object's reference.
+    """Return the core's settings from an operator, all but what each object brings.
 
     Raises
     ------
@@ -490,7 +503,7 @@ def to_core(options: Any) -> Settings:
         weights=options.weights,
         orientation=options.orientation,
         nested=options.nested,
-        viewpoint=_viewpoint(options),
+        viewpoint=place_of(options) if options.orientation == "viewpoint" else None,
     )
 
 
@@ -513,8 +526,6 @@ def reference_of(options: Any) -> bpy.types.Object | None:
     InputError
         When it is not there.
     """
-    if options.orientation != "reference":
-        return None
     return _object(options.reference_object, "whose side to take")
 
 
@@ -524,9 +535,14 @@ def _object(name: str, purpose: str) -> bpy.types.Object | None:
     return bpy.data.objects[name] if name else None
 
 
-def _viewpoint(options: Any) -> tuple[float, ...] | None:
-    if options.orientation != "viewpoint":
-        return None
+def place_of(options: Any) -> tuple[float, ...]:
+    """Return the place that normals are to face.
+
+    Raises
+    ------
+    InputError
+        When the object that stands for it is not there.
+    """
     if not options.viewpoint_object:
         return tuple(options.viewpoint)
     viewed: Any = _object(options.viewpoint_object, "to face")
