@@ -95,7 +95,8 @@ class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
     )
 
     # What is pointed at: an active vertex, or a ray under the mouse.
-    _vertex = _ray = None
+    _vertex: int | None = None
+    _ray: tuple[Any, Any] | None = None
     _editing = False
 
     def invoke(self, context: Context, event: Event) -> Returned:
@@ -111,7 +112,8 @@ class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
 
     def _look(self, context: Context) -> None:
         self._editing = bridge.in_edit_mode(context)
-        self._vertex = context.object and bridge.active_vertex(context.object)
+        obj = context.object
+        self._vertex = None if obj is None else bridge.active_vertex(obj)
 
     def read(self, job: Job) -> None:
         """Read the normals that are there, and which of them may turn."""
