@@ -323,6 +323,12 @@ class TimeScaleSettings(EstimateOptions, CompareOptions, bpy.types.PropertyGroup
         description="Camera or other object that normals face",
         type=bpy.types.Object,
     )
+    truth_object: PointerProperty(
+        name="True Surface",
+        description="Mesh whose nearest surface has the true normals",
+        type=bpy.types.Object,
+        poll=_is_mesh,
+    )
     reference_object: PointerProperty(
         name="Like Object",
         description="Mesh whose nearest surface says which side is out",

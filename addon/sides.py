@@ -14,9 +14,15 @@ from .. import core
 from ..core.orientation import Orientation, find_orientation
 from ..core.pieces import connected_pieces
 from . import bridge
-from .jobs import Job, Progress, reference_normals, viewpoint_of
+from .jobs import Job, Progress, viewpoint_of
 from .run import OnSelection
-from .settings import ORIENTATIONS, Returned, SideOptions, draw_guides
+from .settings import (
+    ORIENTATIONS,
+    Returned,
+    SideOptions,
+    draw_guides,
+    reference_of,
+)
 
 _MODES = {
     "flip": "Turns every normal over",
@@ -91,7 +97,8 @@ class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
         name="Viewpoint", description="Camera or other object that normals face"
     )
     reference_object: StringProperty(
-        name="Like", description="Mesh whose nearest surface has the right side"
+        name="Like Object",
+        description="Mesh whose nearest surface says which side is out",
     )
 
     # What is pointed at: an active vertex, or a ray under the mouse.
@@ -148,7 +155,12 @@ class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
         if options.mode == "viewpoint":
             guides["viewpoint"] = viewpoint_of(job, options)
         if options.mode == "reference":
-            guides["reference"] = reference_normals(job, options)
+            guide = reference_of(options)
+            if guide is None:
+                found = bridge.read_normals(job.obj, options.reference)
+                guides["reference"] = job.geometry.to_world(found)
+            else:
+                job.guide = bridge.read_surface(guide)
         return guides
 
     @staticmethod
@@ -163,6 +175,8 @@ class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
             piece = connected_pieces(shape.points, normals, shape.faces)
             rows &= piece == piece[task.seed]
         job.valid = rows
+        if job.guide is not None:
+            task.guides["reference"] = job.guide.normals_near(shape.points)
         job.orientation = _sides(task, shape, normals)
 
     def write(self, job: Job) -> None:
