@@ -265,7 +265,7 @@ def _in_tangent_space(mesh: Any, normals: Array, domain: str) -> tuple[Array, Ar
         layer = scene.view_layers[0]
         with bpy.context.temp_override(scene=scene, view_layer=layer):
             depsgraph = bpy.context.evaluated_depsgraph_get()
-            made = obj.evaluated_get(depsgraph).data
+            made: Any = obj.evaluated_get(depsgraph).data
             bits = arrays.read(made, CUSTOM_NORMAL, "INT16_2D", domain="CORNER")
             return bits, _sharp_edges(made)
     finally:
