@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .creases import parting_edges
+from .faces import fan_means, split_fans
 from .fitted import fit_all, in_threads
 from .guides import reference_normals
 from .inputs import (
@@ -18,14 +20,19 @@ from .inputs import (
     as_faces,
     as_points,
 )
-from .meshes import WIDER, wants_wider, with_faces
+from .meshes import MeshNormals, choose_normals, with_faces
 from .neighborhoods import Nearest, neighborhoods, neighborhoods_of_all, unique_points
-from .orientation import Orientation, find_orientation
+from .orientation import Orientation, find_orientation, sides_of_mesh, with_disagreement
 from .patch import LEAST_NEIGHBORS, Patches
 from .settings import Settings
 from .sheets import separate, suspects
 from .surface import GridSurface
-from .winding import Winding, find_flipped_faces
+from .winding import (
+    Winding,
+    count_inconsistent,
+    find_flipped_faces,
+    wound_alike,
+)
 
 # Share of the progress that is the estimate's; the rest is the orientation's.
 _FITTED = 0.8
@@ -45,8 +52,9 @@ class Estimate:
     condition : (n,) float64 or None
         Condition numbers of Eq. (3), by method "paper".
     from_faces : int
-        Vertices whose normal is that of their faces, because a patch had too little
-        to go by or left the cone of the faces.
+        Vertices whose normal is a mean of those of faces, at the vertex or beyond.
+    mesh : MeshNormals or None
+        What a mesh showed of itself, parted where edges part it.
     separated : int
         Points whose neighbors were told apart because they lie on several sheets.
     noise : float
@@ -67,7 +75,22 @@ class Estimate:
     noise: float = 0.0
     orientation: Orientation | None = None
     winding: Winding | None = None
+    mesh: MeshNormals | None = None
+    _fans: tuple[FloatArray, IntArray] | None = field(default=None, repr=False)
     _input: tuple[FloatArray, IntArray | None] | None = field(default=None, repr=False)
+
+    @property
+    def corner_normals(self) -> FloatArray | None:
+        """(m, 3, 3) float64, the normals at the corners of the faces; None without.
+
+        Those of the vertices but where edges part the mesh; zero where not valid.
+        """
+        if self._fans is not None:
+            normals, fans = self._fans
+            return normals[fans]
+        if self._input is None or self._input[1] is None:
+            return None
+        return self.normals[self._input[1]]
 
     def patches(self, rows: ArrayLike) -> Patches:
         """Return the patches of some points, fitted again as they were.
@@ -111,6 +134,8 @@ class Estimate:
             "separated": self.separated,
             "graph": self.settings.graph,
             "weights": self.settings.weights,
+            "mesh": None if self.mesh is None else self.mesh.kind,
+            "smoothed": 0 if self.mesh is None else self.mesh.smoothed,
             "flipped_faces": 0 if self.winding is None else self.winding.turned,
         } | ({} if self.orientation is None else self.orientation.summary())
 
@@ -131,6 +156,7 @@ def estimate_normals(
     points: ArrayLike,
     *,
     faces: ArrayLike | None = None,
+    sharp: ArrayLike | None = None,
     settings: Settings | None = None,
     progress: Callable[[float], object] | None = None,
 ) -> Estimate:
@@ -142,6 +168,9 @@ def estimate_normals(
         Any scale and offset.
     faces : (m, 3) array_like of int, optional
         Triangles of a mesh over the points.
+    sharp : (e, 2) array_like of int, optional
+        Edges that part the mesh, in addition to those of `Settings.sharp_angle`:
+        `Estimate.corner_normals` are made from one side each.
     settings : Settings, optional
     progress : callable, optional
         Called with the share done, 0 to 1, in the calling thread. Whatever it
@@ -176,7 +205,9 @@ def estimate_normals(
     asked = settings or Settings()
     points = as_points(points)
     faces = as_faces(faces, len(points))
-    if faces is None and len(points) <= LEAST_NEIGHBORS:
+    if faces is not None:
+        return _of_mesh(points, faces, sharp, asked, progress or _silent)
+    if len(points) <= LEAST_NEIGHBORS:
         raise InputError(
             f"expected at least {LEAST_NEIGHBORS + 1} points, one and the "
             f"{LEAST_NEIGHBORS} neighbors that a patch needs, got {len(points)}"
@@ -185,22 +216,15 @@ def estimate_normals(
     centered = points - center
     _check_spread(centered)
     settings = _about(asked, center, points)
-    winding = None
-    if faces is not None and settings.winding == "repaired":
-        winding = find_flipped_faces(centered, faces, nested=settings.nested)
-        faces = winding.repaired(faces)
     if settings.method == "paper":
         settings = replace(settings, weights="paper", sheets=False)
     report = progress or _silent
     report(0.0)
-    kept, inverse = unique_points(centered) if faces is None else (None, None)
+    kept, inverse = unique_points(centered)
     if kept is None or inverse is None:
-        estimate = _estimate(centered, faces, settings, report)
+        estimate = _estimate(centered, None, settings, report)
         return replace(
-            estimate,
-            settings=_as_asked(estimate, asked),
-            winding=winding,
-            _input=(points, faces),
+            estimate, settings=_as_asked(estimate, asked), _input=(points, None)
         )
     if len(kept) <= LEAST_NEIGHBORS:
         raise InputError(
@@ -217,6 +241,74 @@ def estimate_normals(
         settings=_as_asked(estimate, asked),
         _input=(points, None),
     )
+
+
+def _of_mesh(points, faces, sharp, asked, report):
+    """Estimate the normals of a mesh, parted at sharp edges."""
+    winding, alike = _wound_alike(points, faces, asked)
+    edges = parting_edges(points, alike, asked.sharp_angle, sharp)
+    if not len(edges):
+        estimate = _of_whole_mesh(points, alike, asked, report)
+        estimate = replace(estimate, _input=(points, faces))
+    else:
+        fans, vertex = split_fans(len(points), alike, edges)
+        parted = _of_whole_mesh(points[vertex], fans, _of_rows(asked, vertex), report)
+        if alike is not faces:
+            # Each corner where the caller has it.
+            turned = (alike != faces).any(axis=1)
+            fans = np.where(turned[:, None], fans[:, ::-1], fans)
+        estimate = _joined(parted, points, vertex, fans)
+    orientation = estimate.orientation
+    if orientation.mode == "faces" and winding is None:
+        orientation = with_disagreement(orientation, faces, len(points))
+    return replace(
+        estimate,
+        settings=_as_asked(estimate, asked),
+        orientation=orientation,
+        winding=winding,
+    )
+
+
+def _wound_alike(points, faces, asked):
+    """Return the Winding where the caller wants it, and faces that wind alike.
+
+    Method "auto" sums what faces say, which makes sense only where they wind alike:
+    pieces that do not are taken as if they did.
+    """
+    if asked.winding == "repaired":
+        winding = find_flipped_faces(points, faces, nested=asked.nested)
+        return winding, winding.repaired(faces)
+    if asked.method != "auto" or not count_inconsistent(faces, len(points)):
+        return None, faces
+    return None, wound_alike(points, faces, nested=asked.nested)
+
+
+def _joined(parted, points, vertex, fans):
+    """Return the Estimate of a mesh from that of its fans."""
+    count = len(points)
+    normals = fan_means(parted.normals, vertex, count)
+    # The first fans are those of the vertices.
+    return replace(
+        parted,
+        normals=normals,
+        valid=(normals != 0).any(axis=1),
+        condition=None if parted.condition is None else parted.condition[:count],
+        orientation=_of_places(parted.orientation, slice(count)),
+        _fans=(parted.normals, fans),
+        _input=(points[vertex], fans),
+    )
+
+
+def _of_whole_mesh(points, faces, asked, report):
+    """Estimate the normals of a mesh that nothing parts."""
+    center = points.mean(axis=0)
+    centered = points - center
+    _check_spread(centered)
+    settings = _about(asked, center, points)
+    if settings.method == "paper":
+        settings = replace(settings, weights="paper", sheets=False)
+    report(0.0)
+    return _estimate(centered, faces, settings, report)
 
 
 def _of_places(orientation, inverse):
@@ -241,20 +333,48 @@ def _silent(_share):
 
 def _estimate(points, faces, settings, report):
     """Estimate and orient the normals of centered points that differ."""
-    asked = settings
-    source, settings = neighborhoods(points, faces, asked)
-    fitted = fit_all(source, lambda share: report(_FITTED * share))
-    if wants_wider(points, faces, fitted, asked):
-        source, settings = neighborhoods(points, faces, replace(asked, **WIDER))
-        fitted = fit_all(source, lambda share: report(_FITTED * share))
-    normals, valid = fitted.normals, fitted.valid
-    separated = from_faces = 0
-    if settings.sheets and isinstance(source, Nearest):
-        normals, separated = _with_sheets(source, fitted)
-    if faces is not None:
-        normals, valid, from_faces = with_faces(points, faces, fitted, settings)
+    source, settings = neighborhoods(points, faces, settings)
+
+    def fit():
+        return fit_all(source, lambda share: report(_FITTED * share))
+
+    mesh, separated, condition = None, 0, None
+    if faces is not None and settings.method == "auto":
+        mesh = choose_normals(points, faces, fit)
+    else:
+        fitted = fit()
+        normals, valid, noise = fitted.normals, fitted.valid, fitted.noise
+        condition = fitted.condition
+        if settings.sheets and isinstance(source, Nearest):
+            normals, separated = _with_sheets(source, fitted)
+        if faces is not None:
+            mesh = with_faces(points, faces, fitted)
+    if mesh is not None:
+        normals, valid, noise = mesh.normals, mesh.valid, mesh.noise
     report(_FITTED)
-    orientation = find_orientation(
+    orientation = _sides(points, normals, faces, settings, source)
+    report(1.0)
+    return Estimate(
+        normals * orientation.signs[:, None],
+        valid,
+        replace(settings, orientation=orientation.mode),
+        condition,
+        0 if mesh is None else mesh.from_faces,
+        separated,
+        noise,
+        orientation,
+        mesh=mesh,
+    )
+
+
+def _sides(points, normals, faces, settings, source):
+    """Return the Orientation of normals."""
+    by_faces = faces is not None and settings.orientation in ("auto", "faces")
+    if settings.method == "auto" and by_faces:
+        # Means and patches of a mesh are on the side of its faces as it is; under
+        # noise the faces at a vertex alone are no guide.
+        return sides_of_mesh(normals)
+    return find_orientation(
         points,
         normals,
         mode=settings.orientation,
@@ -264,17 +384,6 @@ def _estimate(points, faces, settings, report):
         nested=settings.nested,
         threads=settings.threads,
         nearest=source.nearest if isinstance(source, Nearest) else None,
-    )
-    report(1.0)
-    return Estimate(
-        normals * orientation.signs[:, None],
-        valid,
-        replace(settings, orientation=orientation.mode),
-        fitted.condition,
-        from_faces,
-        separated,
-        fitted.noise,
-        orientation,
     )
 
 

@@ -1,52 +1,315 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes: where patches speak, and where faces do."""
+"""Meshes: where patches speak, where faces do, and where many of them together.
+
+A mesh shows by its vertices whether they are noisy (see `evidence`). Where they are
+not, normals are means of the faces around a vertex, or those of patches where these fit
+the edges clearly better. Where they are, means over more and more faces stand beside
+these. To tell which is best, the mesh is shaken: noise as large as that found is added
+to its vertices, and what a normal then moves by is its variance; what it differs from a
+mean over half as many rounds by, less what noise explains, is its bias.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-from .faces import bump_correlation, fan_width, mean_edge, vertex_normals
+from .averages import Averages, ladder
+from .evidence import (
+    edge_misfit,
+    find_bumps,
+    is_stepped,
+    mesh_misfit,
+    noise_of,
+    shape_quality,
+)
+from .faces import (
+    corner_sums,
+    face_vectors,
+    fan_width,
+    mean_edge,
+    unit,
+    vertex_normals,
+)
+from .fitted import Fitted
+from .inputs import BoolArray, FloatArray, IntArray
 
-# A mesh is noisy when its vertices stray from patches by this share of an edge, which
-# clean and decimated ones do half as much, and neighbors do not bulge to one side, as
-# they do on a coarse mesh. Then patches reach over three rings.
-_NOISY, _ALIKE = 0.15, 0.2
-WIDER = {"neighbors": 30, "patch": "biquadratic"}
+# Angle weights where they fit the edges better than those of Max by this factor, or
+# vertices stray from patches by so much of what faces turn: on spheres the latter are
+# exact, on decimated and rough surfaces the former are better.
+_FIT_BETTER, _STRAYING = 0.905, 0.15
 
-# Of a mesh's patch, see `with_faces`.
-_WELL_FITTED, _WIDE_FAN, _BESIDE = 0.1, 0.5, 2.0
+# A patch stands where its squared misfit of the edges is below that of the means by
+# this factor, and vertices stray from it by less than so much of what faces turn. Among
+# slivers, of less than that quality, faces are so bad that the bars are lower.
+_PATCH_BETTER, _PATCH_STRAYING = 0.5, 0.04
+_PATCH_BETTER_SLIVERS, _STRAYING_SLIVERS, _SLIVERS = 0.7, 0.1, 0.6
+
+# With more noise than that, in edges, patches over a few rings have nothing to say.
+_TOO_NOISY = 0.1
+
+# A bias is twice the difference to half as many rounds, where it grows with the square
+# of the reach; noise may differ by half from what one shake shows.
+_BIAS, _EXPLAINED = 2.0, 1.5
+
+# Rounds of means over which evidence is gathered: for a choice between two patches of
+# a few rings, and for variances, of which a vertex alone knows little.
+_GATHERED, _GATHERED_VARIANCE = 4, 6
 
 
-def with_faces(points, faces, fitted, settings):
-    """Let the faces speak where a patch has too little to say.
+@dataclass(frozen=True)
+class MeshNormals:
+    """Normals of a mesh's vertices, and where they are from.
 
-    Vertices without a valid patch take the mean of their faces' normals, weighted by
-    angle. Method "auto" also takes it where the patch is not clearly better founded:
-    where it misses the vertices by more than a tenth of what the faces turn, or leaves
-    them by more than twice as much, as between a few rows of vertices that leave it
-    room, or where the faces turn by more than half a radian, as at creases and on
-    coarse meshes. Under noise the faces are no guide, and patches stand.
+    Attributes
+    ----------
+    normals : (n, 3) float64
+        Unit; zero where not valid.
+    valid : (n,) bool
+    from_faces : int
+        Vertices that have a mean of normals of faces.
+    smoothed : int
+        Those among them whose mean reaches beyond the faces at the vertex.
+    noise : float
+        Standard deviation of the vertices' noise in object units, 0 where none shows.
+    kind : str
+        "clean", "noisy" or "stepped".
+    """
+
+    normals: FloatArray
+    valid: BoolArray
+    from_faces: int
+    smoothed: int
+    noise: float
+    kind: str
+
+
+def with_faces(points: FloatArray, faces: IntArray, fitted: Fitted) -> MeshNormals:
+    """Give vertices without a valid patch the mean of their faces' normals.
+
+    Weighted by angle.
     """
     guide = vertex_normals(points, faces, weights="angle")
-    has_face = (guide != 0).any(axis=1)
-    doubtful = ~fitted.valid
-    if settings.method == "auto" and not is_noisy(points, faces, fitted):
-        width = fan_width(points, faces, guide)
-        doubtful |= (fitted.misfit > _WELL_FITTED * width) | (width > _WIDE_FAN)
-        away = np.linalg.norm(np.cross(fitted.normals, guide), axis=1)
-        doubtful |= away > _BESIDE * width
-    replaced = doubtful & has_face
+    replaced = ~fitted.valid & (guide != 0).any(axis=1)
     normals = np.where(replaced[:, None], guide, fitted.normals)
-    return normals, fitted.valid | replaced, int(replaced.sum())
+    valid = fitted.valid | replaced
+    return MeshNormals(normals, valid, int(replaced.sum()), 0, fitted.noise, "clean")
 
 
-def wants_wider(points, faces, fitted, asked):
-    """Whether a noisy mesh was fitted with neighbors that nobody asked for."""
-    automatic = asked.method == "auto" and asked.neighbors is None
-    return faces is not None and automatic and is_noisy(points, faces, fitted)
+def choose_normals(
+    points: FloatArray, faces: IntArray, fit: Callable[[], Fitted]
+) -> MeshNormals:
+    """Return the normals that the evidence of a mesh speaks for, vertex by vertex.
 
-
-def is_noisy(points, faces, fitted):
-    """Whether the vertices stray far from smooth patches, each on its own account."""
-    return (
-        fitted.noise > _NOISY * mean_edge(points, faces)
-        and bump_correlation(points, faces) < _ALIKE
+    Parameters
+    ----------
+    points : (n, 3) float64, centered
+    faces : (m, 3) int
+        Wound alike.
+    fit : callable () -> Fitted
+        Fits patches over the rings of the mesh; called where they are needed.
+    """
+    averages = Averages(len(points), faces)
+    sums = _scaled(corner_sums(face_vectors(points, faces), faces, len(points)))
+    smooth = unit(averages.means(sums, 2))
+    bumps = find_bumps(points, faces, averages, smooth)
+    stepped = not bumps.noisy and is_stepped(points, faces, bumps)
+    patches = None
+    if not stepped and not (bumps.noisy and bumps.noise > _TOO_NOISY):
+        patches = _Patches.of(points, faces, fit(), averages)
+    base, from_patch = _best_clean(points, faces, averages, patches)
+    noisy = bumps.noisy or (
+        patches is not None and bumps.noisy_if_rough(patches.straying)
     )
+    if not (noisy or stepped):
+        return _result(base.normals, smooth, from_patch, None, 0.0, "clean")
+    edge = mean_edge(points, faces)
+    shake = noise_of(bumps, stepped=stepped) * edge
+    normals, chosen = _best_smoothed(points, faces, averages, sums, base, shake)
+    return _result(
+        normals,
+        smooth,
+        from_patch & ~chosen,
+        chosen,
+        bumps.noise * edge,
+        "stepped" if stepped else "noisy",
+    )
+
+
+def _result(normals, smooth, from_patch, chosen, noise, kind):
+    """Count who has what; where faces cancel out, those farther off stand in."""
+    missing = (normals == 0).all(axis=1)
+    normals = np.where(missing[:, None], smooth, normals).astype(np.float64)
+    valid = (normals != 0).any(axis=1)
+    smoothed = 0 if chosen is None else int(chosen.sum())
+    return MeshNormals(
+        unit(normals), valid, int((valid & ~from_patch).sum()), smoothed, noise, kind
+    )
+
+
+def _scaled(vectors):
+    """Return vectors in single precision, none too large or too small for it."""
+    top = np.abs(vectors).max(initial=0)
+    return (vectors / top if top > 0 else vectors).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class _Patches:
+    """Patches of all vertices, beside what the faces there turn.
+
+    Attributes
+    ----------
+    normals : (n, 3)
+        On the side of the faces.
+    bar : (n,)
+        The factor by which they have to fit the edges better; 0 where they are not
+        valid or stray too far.
+    straying : float
+        The median share of what faces turn by which vertices stray from patches.
+    """
+
+    normals: FloatArray
+    bar: FloatArray
+    straying: float
+
+    @classmethod
+    def of(cls, points, faces, fitted, averages):
+        guide = vertex_normals(points, faces, weights="angle")
+        square = fan_width(points, faces, guide) ** 2
+        misfit = fitted.misfit.astype(np.float64) ** 2
+        quality = shape_quality(points, faces)
+        corners = np.bincount(faces.ravel(), minlength=len(points))
+        share = np.bincount(faces.ravel(), np.repeat(quality, 3), len(points))
+        share /= np.maximum(corners, 1)
+        gathered = averages.means(np.stack([misfit, square, share], axis=1), 2)
+        straying = np.sqrt(
+            np.divide(
+                gathered[:, 0],
+                gathered[:, 1],
+                out=np.zeros(len(points)),
+                where=gathered[:, 1] > 0,
+            )
+        )
+        slivers = gathered[:, 2] < _SLIVERS
+        near = straying < np.where(slivers, _STRAYING_SLIVERS, _PATCH_STRAYING)
+        bar = np.where(slivers, _PATCH_BETTER_SLIVERS, _PATCH_BETTER)
+        turning = averages.inner & (square > 0)
+        single = np.sqrt(misfit[turning] / square[turning])
+        side = np.where((fitted.normals * guide).sum(axis=1) < 0, -1.0, 1.0)
+        return cls(
+            fitted.normals * side[:, None],
+            np.where(fitted.valid & near, bar, 0),
+            float(np.median(single)) if len(single) else 1.0,
+        )
+
+
+@dataclass(frozen=True)
+class _Base:
+    """Normals of vertices, and the weights of faces where these made them."""
+
+    normals: FloatArray
+    weights: str
+
+
+def _best_clean(points, faces, averages, patches):
+    """Return the _Base of a mesh without noise, and who has a patch's normal, (n,)."""
+    fields = {w: vertex_normals(points, faces, weights=w) for w in ("angle", "max")}
+    angle, largest = mesh_misfit(points, faces, list(fields.values()))
+    better = angle < _FIT_BETTER**2 * largest
+    rough = patches is None or patches.straying > _STRAYING
+    weights = "angle" if better or rough else "max"
+    normals = fields[weights]
+    if patches is None:
+        return _Base(normals, weights), np.zeros(len(points), dtype=bool)
+    # Sums gathered over the same edges compare like means.
+    misfits = [
+        edge_misfit(points, averages.edges, field)
+        for field in (patches.normals, normals)
+    ]
+    gathered = averages.means(np.stack(misfits, axis=1), _GATHERED)
+    chosen = gathered[:, 0] < patches.bar * gathered[:, 1]
+    return _Base(np.where(chosen[:, None], patches.normals, normals), weights), chosen
+
+
+def _best_smoothed(points, faces, averages, sums, base, shake):
+    """Return the normals with the least risk of a noisy mesh, and who has smooth ones.
+
+    Parameters
+    ----------
+    sums : (n, 3) float32
+        Area vectors of the faces at the vertices.
+    base : _Base
+    shake : float
+        Standard deviation of the noise, in object units.
+    """
+    rng = np.random.default_rng(0)
+    moved = points + rng.normal(0, shake, points.shape)
+    shaken = _scaled(corner_sums(face_vectors(moved, faces), faces, len(points)))
+    # What noise does to patches in the base is much the same as to its means.
+    pair = np.concatenate(
+        [vertex_normals(p, faces, weights=base.weights) for p in (points, moved)],
+        axis=1,
+    ).astype(np.float32)
+    still = ((pair[:, 3:] - pair[:, :3]) ** 2).sum(axis=1)
+    best = _Best(base.normals, averages.means(still[:, None], _GATHERED_VARIANCE)[:, 0])
+    by_area = _Run(averages, 1.0)
+    by_area.risk(pair)
+    plain, sharpened = _Run(averages, _BIAS**2), _Run(averages, _BIAS**2)
+    both = np.concatenate([sums, shaken], axis=1)
+    for rounds, means, sharper in ladder(averages, both):
+        if rounds == 0:
+            best.offer(means, by_area.risk(means), smooth=False)
+        best.offer(means, plain.risk(means), smooth=True)
+        if sharper is not None:
+            best.offer(sharper, sharpened.risk(sharper), smooth=True)
+    return best.normals, best.smooth
+
+
+class _Best:
+    """The normals of least risk so far, and which of them are smooth ones."""
+
+    def __init__(self, normals, risk):
+        self.normals = normals.copy()
+        self.smooth = np.zeros(len(normals), dtype=bool)
+        self._least = risk
+
+    def offer(self, pair, risk, *, smooth):
+        """Take the first field of a pair where its risk, (n,) or None, is less."""
+        if risk is None:
+            return
+        less = risk < self._least
+        self.normals[less] = pair[less, :3]
+        self.smooth[less] = smooth
+        self._least = np.where(less, risk, self._least)
+
+
+class _Run:
+    """Fields of normals in the order of their reach, each with that of a shaken mesh.
+
+    Parameters
+    ----------
+    factor : float
+        The squared bias of a field over its squared difference to the one before.
+    """
+
+    def __init__(self, averages, factor):
+        self._averages = averages
+        self._factor = factor
+        self._before = None
+        self._bias = 0.0
+
+    def risk(self, pair):
+        """Return the risk of the next pair, bias² plus variance; not of the first."""
+        before, self._before = self._before, pair
+        if before is None:
+            return None
+        step = pair - before
+        squares = [step[:, :3], step[:, 3:] - step[:, :3], pair[:, 3:] - pair[:, :3]]
+        turned, by_noise, variance = self._averages.means(
+            np.stack([(part * part).sum(axis=1) for part in squares], axis=1),
+            _GATHERED_VARIANCE,
+        ).T
+        left = np.maximum(turned - _EXPLAINED * by_noise, 0)
+        # Where everything is rounded off, differences become small again.
+        self._bias = np.maximum(self._bias, self._factor * left)
+        return self._bias + variance

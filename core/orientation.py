@@ -210,7 +210,24 @@ def _decided(normals, mode, directions=None):
 def _by_faces(points, normals, faces):
     """Agree with the faces, and say where these do not agree with each other."""
     found = _decided(normals, "faces", face_directions(points, faces))
-    inconsistent = count_inconsistent(faces, len(points))
+    return with_disagreement(found, faces, len(points))
+
+
+def sides_of_mesh(normals: FloatArray) -> Orientation:
+    """Return the Orientation of normals (n, 3) that are on the faces' side as it is."""
+    return _decided(normals, "faces")
+
+
+def with_disagreement(found: Orientation, faces: IntArray, count: int) -> Orientation:
+    """Return what was found, saying where faces do not agree with each other.
+
+    Parameters
+    ----------
+    faces : (m, 3) int
+    count : int
+        Number of vertices.
+    """
+    inconsistent = count_inconsistent(faces, count)
     if not inconsistent:
         return found
     return replace(

@@ -88,6 +88,12 @@ class Settings:
         "What to agree with under orientation reference: normals (n, 3), or the "
         "vertices and faces of a mesh",
     )
+    sharp_angle: float | None = _setting(
+        None,
+        "Edges of a mesh whose faces turn by more than this angle, in radians, part "
+        "its normals; None parts it at no angle",
+        limits=(0.0, 3.1416),
+    )
     threads: int | None = _setting(
         None, "Threads at work; None takes all cores", limits=(1, 1024)
     )

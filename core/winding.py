@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from .faces import face_vectors, unit
 from .inputs import (
     BoolArray,
+    FloatArray,
     InputError,
     IntArray,
     as_choice,
@@ -130,6 +131,19 @@ def find_flipped_faces(
         int((sides.count > 2).sum()),
         int((sides.count == 1).sum()),
     )
+
+
+def wound_alike(points: FloatArray, faces: IntArray, *, nested: str) -> IntArray:
+    """Return triangles (m, 3), turned where pieces wind against themselves.
+
+    Pieces that wind alike stay, inward ones too.
+    """
+    winding = find_flipped_faces(points, faces, nested=nested)
+    some = np.bincount(winding.piece, winding.flipped)
+    whole = np.bincount(winding.piece)
+    mixed = (some > 0) & (some < whole)
+    turned = winding.flipped & mixed[winding.piece]
+    return np.where(turned[:, None], faces[:, ::-1], faces)
 
 
 def count_inconsistent(faces: IntArray, count: int) -> int:

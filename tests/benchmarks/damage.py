@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes made worse, and the true normals at their corners.
 
-Noise, quantization, slivers and flips keep the faces of the clean mesh: the truth is the
-normal of the clean vertex. Decimated, remeshed and voxel meshes have new ones: the truth
-is that of the nearest place of the exact surface.
+Noise, quantization, slivers and flips keep the faces of the clean mesh: the truth is
+the normal of the clean vertex. Decimated, remeshed and voxel meshes have new ones: the
+truth is that of the nearest place of the exact surface.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from solids import box_of, paired_sides, surface_net, voxel_grid
 
 from core.faces import face_vectors, mean_edge, split_fans, unit, vertex_normals
-from solids import paired_sides, surface_net, voxel_grid, _box
 
 NOISE = (0.05, 0.1, 0.3, 0.6, 1.0)
 KEPT = (50, 25, 10)
@@ -58,14 +58,12 @@ def cases_of(solid):
         return Case(solid.name, damage, p, f, t, s)
 
     yield case("clean")
-    edge = mean_edge(points, faces)
     for share in NOISE:
-        rng = np.random.default_rng(round(100 * share))
-        yield case(f"noise {share:g}", points + rng.normal(0, share * edge, points.shape))
+        yield case(f"noise {share:g}", noisy(points, faces, share))
     for bits in BITS:
         yield case(f"{bits} bits", quantized(points, bits))
-    thin, origin = slivers(points, faces, sharp)
-    yield case("slivers", f=thin, t=solid.corner_truth(points, thin, solid.piece[origin]))
+    thin = slivers(points, faces, sharp)
+    yield case("slivers", f=thin, t=solid.corner_truth(points, thin, solid.piece))
     turned = flipped(faces)
     order = np.where(turned[:, None], [0, 2, 1], [0, 1, 2])
     yield case(
@@ -77,10 +75,11 @@ def cases_of(solid):
         p, f = decimated(points, faces, percent)
         yield _of_new_mesh(solid, f"{percent} %", p, f)
     if solid.field is not None:
-        box = _box(solid.field)
-        yield _of_new_mesh(solid, "remesh", *surface_net(solid.field, box, 28))
-        for cells in (32, 64):
-            yield _of_new_mesh(solid, f"stairs {cells}", *staircase(solid.field, box, cells))
+        box, cells = box_of(solid.field), solid.cells
+        yield _of_new_mesh(solid, "remesh", *surface_net(solid.field, box, cells))
+        for name, count in (("coarse stairs", cells), ("fine stairs", 2 * cells)):
+            mesh = staircase(solid.field, box, count)
+            yield _of_new_mesh(solid, name, *mesh)
 
 
 def _of_new_mesh(solid, damage, points, faces):
@@ -95,6 +94,12 @@ def sharp_by_angle(points, faces, angle=SHARP_ANGLE):
     ends, first, second = paired_sides(faces)
     normals = unit(face_vectors(points, faces))
     return ends[(normals[first] * normals[second]).sum(axis=1) < np.cos(angle)]
+
+
+def noisy(points, faces, share, seed=None):
+    """Add Gaussian noise whose standard deviation is a share of the mean edge."""
+    rng = np.random.default_rng(round(100 * share) if seed is None else seed)
+    return points + rng.normal(0, share * mean_edge(points, faces), points.shape)
 
 
 def quantized(points, bits):
@@ -120,11 +125,9 @@ def slivers(points, faces, sharp, rounds=4):
 
     Returns
     -------
-    faces : (m, 3)
-    origin : (m,) int
-        A face of the clean mesh on the same piece.
+    (m, 3) int, each on the piece of the face in its row
     """
-    faces, origin = faces.copy(), np.arange(len(faces))
+    faces = faces.copy()
     kept = {tuple(edge) for edge in np.sort(sharp, axis=1).tolist()}
     before = unit(face_vectors(points, faces))
     for turn in range(rounds):
@@ -152,7 +155,7 @@ def slivers(points, faces, sharp, rounds=4):
                 faces[[f, g]] = new
                 touched[[f, g]] = True
                 known.add((min(c, d), max(c, d)))
-    return faces, origin
+    return faces
 
 
 def _least_angle(corners):
@@ -202,10 +205,8 @@ def cases_of_file(name, points, faces):
         return Case(name, damage, p, f, t, s)
 
     yield case("clean")
-    edge = mean_edge(points, faces)
     for share in NOISE:
-        rng = np.random.default_rng(round(100 * share))
-        yield case(f"noise {share:g}", points + rng.normal(0, share * edge, points.shape))
+        yield case(f"noise {share:g}", noisy(points, faces, share))
     for bits in BITS:
         yield case(f"{bits} bits", quantized(points, bits))
     turned = flipped(faces)

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes of exact solids: smooth ones, organic ones, and parts with creases.
 
-Every solid is made of smooth pieces that know their normals everywhere. A face belongs to
-one piece, and the true normal at a corner is that of the face's piece at the vertex: so
-the truth at a crease is two normals, not their mean.
+Every solid is made of smooth pieces that know their normals everywhere. A face belongs
+to one piece, and the true normal at a corner is that of the face's piece at the vertex:
+so the truth at a crease is two normals, not their mean.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, cKDTree
 
 from core.faces import face_vectors, unit
 
-# What a turn of a normal weighs beside a distance, as a share of the solid's size, where
+# What a turn of a normal weighs beside a distance, as a share of the solid's size, when
 # a face looks for its piece: both sides of a crease are near, one faces as it does.
 _TURN_WEIGHT = 0.1
 
@@ -32,6 +32,8 @@ class Solid:
         The unit normals of the pieces.
     field : callable (p, 3) -> (p,) or None
         Negative inside, zero on the surface of smooth solids.
+    cells : int
+        Voxels along the longest side, so that the thinnest part is three wide.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Solid:
     piece: np.ndarray
     normals: Sequence[Callable]
     field: Callable | None = None
+    cells: int = 32
 
     @property
     def creased(self):
@@ -62,7 +65,7 @@ class Solid:
         )
         return self.piece[cKDTree(own).query(other)[1]]
 
-    def sharp_edges(self, angle=np.radians(20)):
+    def sharp_edges(self):
         """Return the edges (e, 2) between faces whose pieces meet at an angle."""
         ends, first, second = paired_sides(self.faces)
         apart = self.piece[first] != self.piece[second]
@@ -72,11 +75,11 @@ class Solid:
         for i, (p, a, b) in enumerate(zip(middle, first, second, strict=True)):
             one, two = (self.normals[self.piece[f]](p[None])[0] for f in (a, b))
             cosine[i] = one @ two
-        return ends[cosine < np.cos(angle)]
+        return ends[cosine < np.cos(np.radians(20))]
 
 
 def paired_sides(faces):
-    """Return the sides that two faces share: ends (s, 2), first and second face (s,)."""
+    """Return the sides that two faces share: ends (s, 2), both faces (s,) each."""
     sides = np.sort(
         np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1
     )
@@ -93,7 +96,7 @@ def smooth_solids():
     yield _torus()
     yield _radial("bumpy", 6000, lambda d: 1 + 0.12 * np.sin(6 * d).prod(axis=1))
     yield netted("blobs", _blobs, 44)
-    yield netted("creature", _creature, 60)
+    yield replace(netted("creature", _creature, 60), cells=48)
 
 
 def creased_solids():
@@ -135,7 +138,8 @@ def _torus(count=5000, big=1.0, small=0.35):
     n2 = count // n1
     rng = np.random.default_rng(5)
     i, j = np.divmod(np.arange(n1 * n2), n2)
-    u, v = (i + rng.uniform(0, 0.6, i.shape)) / n1, (j + rng.uniform(0, 0.6, i.shape)) / n2
+    u = (i + rng.uniform(0, 0.6, i.shape)) / n1
+    v = (j + rng.uniform(0, 0.6, i.shape)) / n2
     tiles = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
     plane = np.concatenate(
         [np.stack([(u + a) * n1, (v + b) * n2], axis=1) for a, b in tiles]
@@ -152,7 +156,8 @@ def _torus(count=5000, big=1.0, small=0.35):
         return np.hypot(np.hypot(p[:, 0], p[:, 1]) - big, p[:, 2]) - small
 
     solid = _of_field("torus", points, faces, field)
-    side = (face_vectors(points, faces) * solid.normals[0](points[faces].mean(1))).sum(1)
+    truth = solid.normals[0](points[faces].mean(axis=1))
+    side = (face_vectors(points, faces) * truth).sum(axis=1)
     turned = np.where((side < 0)[:, None], faces[:, ::-1], faces)
     return _of_field("torus", points, turned, field)
 
@@ -178,8 +183,8 @@ def _creature(p):
         ((0, 0, 0.1), (-0.7, 0, 0.5), 0.08),
     ]
     total = np.zeros(len(p))
-    for a, b, radius in bones:
-        a, b = np.array(a, float), np.array(b, float)
+    for start, end, radius in bones:
+        a, b = np.array(start, float), np.array(end, float)
         share = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
         distance = np.linalg.norm(p - a - share[:, None] * (b - a), axis=1) - radius
         total += np.exp(-18 * distance)
@@ -188,9 +193,9 @@ def _creature(p):
 
 def gradient(field, points, step=1e-5):
     """Return the gradient of a field by central differences, (n, 3)."""
+    steps = step * np.eye(3)
     return np.stack(
-        [(field(points + e) - field(points - e)) / (2 * step) for e in step * np.eye(3)],
-        axis=1,
+        [(field(points + e) - field(points - e)) / (2 * step) for e in steps], axis=1
     )
 
 
@@ -213,14 +218,15 @@ def _of_field(name, points, faces, field):
 
 def netted(name, field, cells):
     """Return a smooth solid over a surface net whose vertices lie on the surface."""
-    points, faces = surface_net(field, _box(field), cells)
+    points, faces = surface_net(field, box_of(field), cells)
     return _of_field(name, projected(field, points), faces, field)
 
 
-def _box(field):
+def box_of(field):
     """Return low and high corners of the solid, with a margin."""
     axis = np.linspace(-2.5, 2.5, 64)
-    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+    grid = grid.reshape(-1, 3)
     inside = grid[field(grid) < 0]
     return inside.min(axis=0) - 0.15, inside.max(axis=0) + 0.15
 
@@ -360,7 +366,7 @@ def extruded(name, segments, height, step):
     faces, piece = _bands(k, rows, sides, closed=False)
     inner, cap = _filled(outline, step)
     ends = []
-    for number, (z, row) in enumerate(((0.0, 0), (height, rows - 1))):
+    for number, row in enumerate((0, rows - 1)):
         first = len(wall) + number * len(inner)
         index = np.concatenate([row * k + np.arange(k), first + np.arange(len(inner))])
         ends.append(index[cap if number else cap[:, ::-1]])
@@ -403,7 +409,8 @@ def cube(cells):
         for side in (-1, 1):
             part = np.empty((len(a), 3))
             part[:, i], part[:, (i + 1) % 3], part[:, (i + 2) % 3] = side, a, b
-            faces.append((triangles if side > 0 else triangles[:, ::-1]) + len(points) * len(a))
+            turned = triangles if side > 0 else triangles[:, ::-1]
+            faces.append(turned + len(points) * len(a))
             points.append(part)
             normals.append(_constant(side * np.eye(3)[i]))
     points = np.concatenate(points)
