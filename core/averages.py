@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Means over the vertices around, taken once or many times over."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from .faces import FloatArray, unit
-from .inputs import BoolArray, IntArray
+from .faces import unit
+from .inputs import BoolArray, FloatArray, IntArray
 
 # Rounds after which a ladder has a rung.
 RUNGS = (1, 2, 4, 8, 16, 32)
@@ -70,7 +71,9 @@ class Averages:
         return row[once], self.joined.indices[once]
 
 
-def ladder(averages: Averages, vectors: FloatArray):
+def ladder(
+    averages: Averages, vectors: FloatArray
+) -> Iterator[tuple[int, FloatArray, FloatArray | None]]:
     """Yield fields of normals that are smoother and smoother, rung by rung.
 
     Parameters

@@ -169,7 +169,9 @@ def edge_misfit(
     lean = np.einsum("ij,ij->i", normals[i] + normals[j], along)
     lean = np.divide(lean * lean, 4 * square, out=np.zeros_like(lean), where=square > 0)
     count = len(points)
-    return np.bincount(i, lean, count) + np.bincount(j, lean, count)
+    total: FloatArray = np.bincount(i, lean, minlength=count)
+    total += np.bincount(j, lean, minlength=count)
+    return total
 
 
 def mesh_misfit(

@@ -179,8 +179,8 @@ class _Patches:
         misfit = fitted.misfit.astype(np.float64) ** 2
         quality = shape_quality(points, faces)
         corners = np.bincount(faces.ravel(), minlength=len(points))
-        share = np.bincount(faces.ravel(), np.repeat(quality, 3), len(points))
-        share /= np.maximum(corners, 1)
+        total = np.bincount(faces.ravel(), np.repeat(quality, 3), len(points))
+        share = total / np.maximum(corners, 1)
         gathered = averages.means(np.stack([misfit, square, share], axis=1), 2)
         straying = np.sqrt(
             np.divide(
