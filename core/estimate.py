@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from .creases import parting_edges
 from .faces import fan_means, split_fans
-from .fitted import fit_all, in_threads
+from .fitted import fit_all
 from .guides import reference_normals
 from .inputs import (
     BoolArray,
@@ -27,6 +27,7 @@ from .patch import LEAST_NEIGHBORS, Patches
 from .settings import Settings
 from .sheets import separate, suspects
 from .surface import GridSurface
+from .threads import hold_memory, in_threads
 from .winding import (
     Winding,
     count_inconsistent,
@@ -220,6 +221,7 @@ def estimate_normals(
         settings = replace(settings, weights="paper", sheets=False)
     report = progress or _silent
     report(0.0)
+    hold_memory()
     kept, inverse = unique_points(centered)
     if kept is None or inverse is None:
         estimate = _estimate(centered, None, settings, report)

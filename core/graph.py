@@ -7,12 +7,14 @@ rows of an adjacency matrix (Delaunay edges, mesh edges), grown by rings.
 """
 
 from functools import cached_property
+from threading import Lock
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .blocks import LARGEST, Blocks
+from .halves import halved
 from .inputs import FloatArray, InputError, IntArray, as_faces, as_points
 
 # scipy.spatial and scipy.sparse take longer to import than the rest of the core;
@@ -25,36 +27,63 @@ class NearestNeighbors:
     Parameters
     ----------
     points : (n, 3) float64
-
-    Attributes
-    ----------
-    tree : scipy.spatial.cKDTree
-    order : (n,) int
-        The points leaf by leaf. Queries in this order share their path down the
-        tree and the memory they gather from, which makes them twice as fast.
-    rank : (n,) int32
-        Where each point stands in that order.
+    threads : int, optional
+        As many as there are cores, if not said.
     """
 
-    def __init__(self, points: FloatArray) -> None:
+    def __init__(self, points: FloatArray, *, threads: int | None = None) -> None:
+        self.points = points
+        self._threads = threads
+        self._starts: dict[int, int] = {}
+        self._tree: Any = None
+        self._one_tree = Lock()
+
+    @cached_property
+    def _halved(self):
+        return halved(self.points, LARGEST, threads=self._threads)
+
+    @property
+    def order(self) -> IntArray:
+        """(n,) int32, the points in the order of a balanced tree.
+
+        Those near one another in space stand together: work in this order gathers
+        from memory that is close.
+        """
+        return self._halved[1]
+
+    @property
+    def sorted(self) -> FloatArray:
+        """(3, n) float64, the coordinates in that order, each axis on its own."""
+        return self._halved[0]
+
+    @cached_property
+    def rank(self) -> IntArray:
+        """(n,) int32, where each point stands in the order."""
+        rank = np.empty(len(self.order), dtype=np.int32)
+        rank[self.order] = np.arange(len(self.order), dtype=np.int32)
+        return rank
+
+    @property
+    def tree(self) -> Any:
+        """The scipy.spatial.cKDTree of the points, made when it is asked for."""
         from scipy.spatial import cKDTree
 
-        # Halves of halves, each with a box around its own points: what Blocks need.
-        self.tree = cKDTree(
-            points, leafsize=LARGEST, balanced_tree=True, compact_nodes=True
-        )
-        self.points = points
-        self.order = self.tree.indices
-        self.rank = np.empty(len(points), dtype=np.int32)
-        self.rank[self.order] = np.arange(len(points), dtype=np.int32)
+        with self._one_tree:
+            if self._tree is None:
+                self._tree = cKDTree(self.points)
+        return self._tree
 
     @cached_property
     def _blocks(self):
-        return Blocks(self.points[self.order])
+        return Blocks(self.sorted)
 
     def runs(self, count: int) -> list[IntArray]:
         """Return all rows, run by run: so asked for, `count` neighbors come faster."""
-        return np.split(self.order, self._blocks.runs(count)[1:-1])
+        starts = self._blocks.runs(count)
+        self._starts |= zip(
+            self.order[starts[:-1]].tolist(), starts.tolist(), strict=False
+        )
+        return np.split(self.order, starts[1:-1])
 
     def neighbors(
         self, rows: IntArray, count: int, *, radius: float | None = None
@@ -76,13 +105,29 @@ class NearestNeighbors:
         distance : (m, count) float64
             Zero where the point itself stands in.
         """
-        index, distance = self._nearest(rows, count + 1)
-        index, distance = self._without_self(rows, index, distance)
+        _, place, distance = self.places(rows, count, radius=radius)
+        return np.take(self.order, place).astype(np.int64), distance
+
+    def places(
+        self, rows: IntArray, count: int, *, radius: float | None = None
+    ) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return the same as `neighbors`, as places in the order.
+
+        Returns
+        -------
+        own : (m,) int
+            The places of the points themselves.
+        place : (m, count) int
+        distance : (m, count) float64
+        """
+        own, blocks = self._places_of(rows)
+        place, distance = self._nearest(own, blocks, count + 1)
+        place, distance = _without_self(own, place, distance)
         if radius is not None:
             far = distance > radius
-            index = np.where(far, rows[:, None], index)
+            place = np.where(far, own[:, None], place)
             distance = np.where(far, 0.0, distance)
-        return index, distance
+        return own, place, distance
 
     def others(self, count: int, points: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return distance and index of the nearest but the first, 2 x (m, count).
@@ -96,40 +141,56 @@ class NearestNeighbors:
         distance, index = (np.asarray(a)[:, 1:] for a in found)
         return distance, index
 
-    def _nearest(self, rows, count):
-        """Return the nearest points, (m, count), of a run or of any rows."""
-        blocks = self._run(rows)
+    def _places_of(self, rows):
+        """Return the places of rows (m,), and the blocks of which they are a run."""
+        start = self._starts.get(int(rows[0])) if len(rows) else None
+        if start is not None:
+            end = start + len(rows)
+            if np.array_equal(self.order[start:end], rows):
+                return np.arange(start, end), self._blocks.between(start, end)
+        return self.rank[rows], None
+
+    def _nearest(self, own, blocks, count):
+        """Return the nearest places and their distances, (m, count), of places (m,)."""
+        if not self._blocks.useful:
+            return self._found_in_tree(own, count)
         if blocks is None:
-            return self.tree.query(self.points[rows], k=count)[::-1]
-        place, distance, certain = self._blocks.search(blocks, count)
-        index = np.take(self.order, place)
-        if not certain.all():
-            left = np.flatnonzero(~certain)
-            found = self.tree.query(self.points[rows[left]], k=count)
-            distance[left], index[left] = found
-        return index, distance
+            place, distance, certain = self._blocks.search_each(own, count)
+        else:
+            place, distance, certain = self._blocks.search(blocks, count)
+            place, distance, certain = _filled(
+                (place, distance, certain),
+                lambda left: self._blocks.search_each(own[left], count),
+            )
+        return _filled(
+            (place, distance, certain),
+            lambda left: (*self._found_in_tree(own[left], count), True),
+        )[:2]
 
-    def _run(self, rows):
-        """Return the blocks that the rows are a run of, or None."""
-        asked_for = len(rows) and "_blocks" in self.__dict__
-        if not asked_for or not self._blocks.useful:
-            return None
-        start = self.rank[rows[0]]
-        here = self.order[start : start + len(rows)]
-        if not np.array_equal(here, rows):
-            return None
-        return self._blocks.between(start, start + len(rows))
+    def _found_in_tree(self, own, count):
+        here = self.sorted[:, own].T
+        distance, index = self.tree.query(here, k=np.arange(1, count + 1))
+        return self.rank[index], distance
 
-    @staticmethod
-    def _without_self(rows, index, distance):
-        """Drop each point from its own row; a twin may stand before it."""
-        if (index[:, 0] == rows).all():
-            return index[:, 1:], distance[:, 1:]
-        own = index == rows[:, None]
-        # More than `count` twins push the point out of its row: drop the last then.
-        own[~own.any(axis=1), -1] = True
-        shape = (len(rows), index.shape[1] - 1)
-        return index[~own].reshape(shape), distance[~own].reshape(shape)
+
+def _filled(found, search):
+    """Search again for what is not certain: found is place, distance, certain."""
+    left = np.flatnonzero(~found[-1])
+    if len(left):
+        for all_of, some in zip(found, search(left), strict=True):
+            all_of[left] = some
+    return found
+
+
+def _without_self(own, place, distance):
+    """Drop each point from its own row; a twin may stand before it."""
+    if (place[:, 0] == own).all():
+        return place[:, 1:], distance[:, 1:]
+    here = place == own[:, None]
+    # More than `count` twins push the point out of its row: drop the last then.
+    here[~here.any(axis=1), -1] = True
+    shape = (len(own), place.shape[1] - 1)
+    return place[~here].reshape(shape), distance[~here].reshape(shape)
 
 
 class NeighborGraph:

@@ -49,7 +49,7 @@ def neighborhoods(
     if graph != "nearest":
         settings = replace(settings, graph=graph, **_fixed(settings))
         return Rings(points, faces, settings), settings
-    nearest = NearestNeighbors(points)
+    nearest = NearestNeighbors(points, threads=settings.threads)
     if settings.method == "auto" and settings.neighbors is None:
         patch, count = choose_scale(nearest)
         patch = patch if settings.patch == "auto" else settings.patch
@@ -133,26 +133,24 @@ class Nearest(_Source):
     def __init__(self, nearest, settings):
         super().__init__(nearest.points, settings)
         self.nearest = nearest
-        # Coordinates in the order of the tree's leaves, each axis on its own: a
-        # chunk gathers from memory that is close together.
-        self.sorted = np.ascontiguousarray(self.points[nearest.order].T)
-        self.rank = nearest.rank
 
     def chunks(self) -> list[IntArray]:
         """Return the rows chunk by chunk, leaf by leaf."""
         return self.nearest.runs(self.settings.neighbors)
 
     def _offsets(self, rows):
-        index, distance = self.nearest.neighbors(
+        own, place, distance = self.nearest.places(
             rows, self.settings.neighbors, radius=self.settings.radius
         )
-        at, here = self.rank[index.T], self.rank[rows]
+        at = np.ascontiguousarray(place.T)
         offsets = np.empty((3, *at.shape))
-        for axis in range(3):
+        for axis, along in enumerate(self.nearest.sorted):
             # Not "raise", which would make a copy of the result first.
-            np.take(self.sorted[axis], at, out=offsets[axis], mode="clip")
-            offsets[axis] -= self.sorted[axis][here]
-        reach = distance.max(axis=1)
+            np.take(along, at, out=offsets[axis], mode="clip")
+            offsets[axis] -= along[own]
+        # Nearest come first, but for those that a radius leaves out.
+        within = self.settings.radius is None
+        reach = distance[:, -1].copy() if within else distance.max(axis=1)
         return self._scaled(offsets, reach), reach
 
 

@@ -16,7 +16,7 @@ def clouds():
     yield "surface", surface
     yield "uneven", surface[rng.random(6000) < np.exp(3 * surface[:, 0] - 3)]
     yield "far outlier", np.concatenate([surface, [[1e4, 0, 0]]])
-    yield "volume", rng.normal(size=(3000, 3))
+    yield "volume", rng.normal(size=(6000, 3))
     yield "grid", np.stack([x, y, np.sin(x / 9) + y**2 / 99], axis=-1).reshape(-1, 3)
     yield "line", np.linspace(0, 1, 500)[:, None] * [1.0, 2, 3]
     yield "few", rng.normal(size=(30, 3))
@@ -47,7 +47,7 @@ def test_runs_have_the_neighbors_of_single_searches(name, count):
 
 def test_what_is_certain_on_a_surface():
     points = CLOUDS["surface"]
-    blocks = Blocks(points[NearestNeighbors(points).order])
+    blocks = Blocks(NearestNeighbors(points).sorted)
     assert blocks.sizes.max() <= LARGEST
     _, _, certain = blocks.search(np.arange(len(blocks.sizes)), 17)
     assert certain.mean() > 0.95
@@ -56,4 +56,4 @@ def test_what_is_certain_on_a_surface():
 
 def test_blocks_know_where_they_are_of_no_use():
     points = CLOUDS["volume"]
-    assert not Blocks(points[NearestNeighbors(points).order]).useful
+    assert not Blocks(NearestNeighbors(points).sorted).useful

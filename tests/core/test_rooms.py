@@ -21,6 +21,8 @@ CORE_ORDER = (
     "creases",
     "averages",
     "evidence",
+    "threads",
+    "halves",
     "blocks",
     "graph",
     "chart",

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Points in the order of a balanced tree: halves of halves, each compact in space."""
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from .inputs import FloatArray, IntArray
+from .threads import in_threads
+
+# Boxes of so many points are halved to the end in one go: their arrays stay in the
+# cache, and threads have something to share.
+_TOGETHER = 1 << 15
+
+# Beyond all coordinates, as bits.
+_MISSING = np.iinfo(np.int64).max
+
+
+def sizes_of_halves(count: int, most: int) -> list[IntArray]:
+    """Return the sizes of all boxes, level by level, from one of all points down.
+
+    The last level has boxes of at most `most` points. On every level sizes differ by
+    one at most, and all first halves are alike.
+    """
+    sizes = [np.array([count])]
+    while sizes[-1].max() > most:
+        first = np.full(len(sizes[-1]), sizes[-1].max() // 2)
+        sizes.append(np.stack([first, sizes[-1] - first], axis=1).ravel())
+    return sizes
+
+
+def halved(
+    points: FloatArray, most: int, *, threads: int | None = None
+) -> tuple[FloatArray, IntArray]:
+    """Sort points so that halves of halves, and so on, are boxes of their own.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    most : int
+        Points of the least boxes, at most.
+    threads : int, optional
+
+    Returns
+    -------
+    coordinates : (3, n) float64
+        The points in that order, each axis on its own.
+    order : (n,) int32
+        Which points they are.
+
+    Notes
+    -----
+    Each box is cut across its longest side. The place of a point stands in the last
+    bits of its coordinate while these are parted, as plain numbers.
+    """
+    coordinates = np.ascontiguousarray(points.T)
+    order = np.arange(len(points), dtype=np.int32)
+    levels = sizes_of_halves(len(points), most)
+    start = 0
+    for level, sizes in enumerate(levels[:-1]):
+        together = sizes.max() <= _TOGETHER
+        ends = np.cumsum(sizes)
+        work = []
+        for box, (start, end) in enumerate(zip(ends - sizes, ends, strict=True)):
+            # Down to the last level, or only the next one.
+            below = [
+                sizes[box << down : (box + 1) << down]
+                for down, sizes in enumerate(levels[level:-1] if together else [sizes])
+            ]
+            work.append((coordinates[:, start:end], order[start:end], below))
+        for _ in in_threads(_halve, work, threads):
+            pass
+        if together:
+            break
+    return coordinates, order
+
+
+def _halve(part):
+    """Halve the boxes of a part, in place, level by level."""
+    coordinates, order, levels = part
+    # One place more, so that every box may be read as if it had the largest size.
+    local = np.zeros((3, len(order) + 1))
+    local[:, :-1] = coordinates
+    for sizes in levels:
+        place = _parted(local, sizes)
+        for row in (*local[:, :-1], order):
+            row[:] = np.take(row, place)
+    coordinates[:] = local[:, :-1]
+
+
+def _parted(coordinates, sizes):
+    """Return the places of the points, box by box, first halves first."""
+    width, starts = sizes.max(), np.cumsum(sizes) - sizes
+    low = np.minimum.reduceat(coordinates[:, :-1], starts, axis=1)
+    high = np.maximum.reduceat(coordinates[:, :-1], starts, axis=1)
+    axis = (high - low).argmax(axis=0)
+    along = sliding_window_view(coordinates, width, axis=1)[axis, starts]
+    # From zero up floats are ordered as their bits are.
+    along -= low[axis, np.arange(len(axis))][:, None]
+    key = along.view(np.int64)
+    bits = np.int64((1 << int(width - 1).bit_length()) - 1)
+    key &= ~bits
+    key |= np.arange(width)
+    key[sizes < width, -1] = _MISSING
+    key.partition(width // 2, axis=-1)
+    place = (key & bits) + starts[:, None]
+    return place.ravel() if sizes.min() == width else place[key != _MISSING]
