@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Any
 
 NAME = "timescale_normals"
-DONE, FAILED, WRONG_USAGE = 0, 1, 2
+DONE, FAILED, WRONG_USAGE, EXCEEDED = 0, 1, 2, 3
 
 _registered: list[Any] = []
 
@@ -33,17 +33,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 something could not be processed, 2 wrong usage.
+        0 done, 1 something could not be processed, 2 wrong usage, 3 normals deviate
+        by more than `compare --fail-above` allows.
     """
     try:
         arguments = _parser().parse_args(argv)
     except SystemExit as stop:
         return int(stop.code or DONE)
-    expected = (_part("addon.output").OutputError, _part("core").InputError)
+    wrong: tuple[Any, ...] = (_part("addon.batch").UsageError,)
+    if arguments.run is _run_on_files:
+        wrong += (_part("core").InputError,)
     try:
         return arguments.run(arguments)
-    except expected as error:
+    except wrong as error:
         print(f"{NAME}: {error}", file=sys.stderr)
+        return WRONG_USAGE
+    except (_part("addon.output").OutputError, _part("core").InputError) as error:
+        print(f"{NAME}: {error}", file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        print(f"{NAME}: stopped", file=sys.stderr)
         return FAILED
 
 
@@ -65,12 +74,143 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=NAME,
         description="Normals of meshes and point clouds by calculus on time scales.",
-        epilog="Exit codes: 0 done, 1 something could not be processed, 2 wrong usage.",
+        epilog="Exit codes: 0 done, 1 something could not be processed, 2 wrong usage, "
+        "3 normals deviate by more than compare --fail-above allows.",
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for add in (_add_reproduce,):
+    for add in (_add_estimate, _add_compare, _add_repair, _add_reproduce, _add_worker):
         add(commands)
     return parser
+
+
+def _add_estimate(commands: Any) -> None:
+    parser = _add_on_files(
+        commands,
+        "estimate",
+        "estimate normals and write the files with them",
+        "Estimate the normals of point clouds and meshes. Files keep their points, "
+        "colors and everything else, and get normals.",
+    )
+    _add_output(parser)
+    _part("addon.options").add_settings(parser)
+
+
+def _add_repair(commands: Any) -> None:
+    parser = _add_on_files(
+        commands,
+        "repair",
+        "wind the faces of meshes alike and outward, and estimate their normals",
+        "Turn over the faces of meshes that wind against the others or look inward, "
+        "and estimate the normals of the vertices.",
+    )
+    _add_output(parser)
+    _part("addon.options").add_settings(parser)
+
+
+def _add_compare(commands: Any) -> None:
+    parser = _add_on_files(
+        commands,
+        "compare",
+        "compare normals with Delaunay's and with those that count as right",
+        "Compare normals with those of a Delaunay triangulation and, where --truth "
+        "has them, with true ones. Nothing but a report and a picture is written.",
+    )
+    parser.add_argument(
+        "--truth",
+        metavar="FILE",
+        help="a file with the normals that count as right: over the same points in "
+        "the same order, or else of the nearest point",
+    )
+    parser.add_argument(
+        "--normals",
+        choices=("estimate", "file"),
+        default="estimate",
+        help="which normals are compared: the estimate's, or those in the file "
+        "(%(default)s)",
+    )
+    parser.add_argument(
+        "--fail-above",
+        metavar="DEG",
+        type=_degrees,
+        help="exit with 3 when a normal is farther than that from the truth, or "
+        "without --truth from what it is compared with",
+    )
+    parser.add_argument(
+        "--signed",
+        action="store_true",
+        help="count a normal on the wrong side as more than 90 degrees off",
+    )
+    parser.set_defaults(output=None, format=None, skip_existing=False)
+    _part("addon.options").add_settings(parser)
+
+
+def _add_worker(commands: Any) -> None:
+    parser = commands.add_parser("worker")
+    parser.set_defaults(run=_work)
+
+
+def _add_on_files(commands: Any, name: str, text: str, description: str) -> Any:
+    """Add a command with the options that all commands on files share."""
+    known = " ".join(_part("addon.files").FORMATS)
+    parser = commands.add_parser(
+        name, help=text, description=description, epilog=f"Files: {known}"
+    )
+    parser.add_argument(
+        "inputs",
+        metavar="INPUT",
+        nargs="+",
+        help="files, folders, or patterns such as 'scans/*.ply'",
+    )
+    parser.add_argument("--report", metavar="FILE.json", help="write what was found")
+    parser.add_argument(
+        "--image",
+        metavar="FILE.png",
+        help="write a picture; with several files the name of a folder",
+    )
+    parser.add_argument(
+        "--jobs",
+        metavar="N",
+        type=_at_least_one,
+        default=1,
+        help="files at a time, each in a process of its own (%(default)s)",
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace files")
+    parser.add_argument("--quiet", action="store_true", help="print errors alone")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="say what would be done, and do nothing"
+    )
+    parser.set_defaults(run=_run_on_files, command=name)
+    return parser
+
+
+def _add_output(parser: Any) -> None:
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="OUTPUT",
+        required=True,
+        help="the file to write; a folder for several files",
+    )
+    parser.add_argument(
+        "--format",
+        metavar="EXT",
+        help="format of the files in a folder, such as ply; else each keeps its own",
+    )
+    parser.add_argument(
+        "--skip-existing",
+        action="store_true",
+        help="leave out files whose output is there already",
+    )
+
+
+def _run_on_files(arguments: argparse.Namespace) -> int:
+    return _part("addon.commands").run(arguments, NAME)
+
+
+def _work(_arguments: argparse.Namespace) -> int:
+    """Be a worker of another run: see `workers`."""
+    _part("addon.workers").serve(sys.stdin.buffer, sys.stdout.buffer)
+    return DONE
 
 
 def _add_reproduce(commands: Any) -> None:
@@ -113,20 +253,25 @@ def _reproduce(arguments: argparse.Namespace) -> int:
         made = "all numbers, tables and figures."
         if figures is None:
             made = "all numbers and tables. Figures need Blender, or a Python with bpy."
-        _say(f"{reproduction.wins_table(results)}\n\nMade {arguments.folder}: {made}")
+        table = reproduction.wins_table(results)
+        _part("addon.progress").say(f"{table}\n\nMade {arguments.folder}: {made}")
     return DONE
-
-
-def _say(text: str) -> None:
-    """Print what may have letters that the terminal's encoding does not."""
-    encoding = sys.stdout.encoding or "utf-8"
-    print(text.encode(encoding, "replace").decode(encoding))
 
 
 def _at_least_one(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text}")
     return int(text)
+
+
+def _degrees(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 180:
+        raise argparse.ArgumentTypeError(f"expected degrees from 0 to 180, got {text}")
+    return value
 
 
 def _part(name: str) -> ModuleType:

@@ -44,6 +44,20 @@ def staged(folder: Path, names: Iterable[str], *, overwrite: bool) -> Iterator[P
 
 
 @contextmanager
+def whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
+    """Yield a path to write to; what is there becomes `path` when all went well.
+
+    Raises
+    ------
+    OutputError
+        When the file is there already and may not be replaced, or its folder cannot
+        be written to.
+    """
+    with staged(path.parent, [path.name], overwrite=overwrite) as stage:
+        yield stage / path.name
+
+
+@contextmanager
 def _beside(folder: Path) -> Iterator[Path]:
     """A folder to be filled, inside the one that its files are meant for."""
     with _explained(folder):

@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One file on its way through a command: read, compute, write, say how it went.
+
+A Task is plain values, so that it can be handed to another process.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import core
+from ..core.comparison import angle
+from ..core.faces import unit
+from ..core.graph import NearestNeighbors
+from ..core.winding import find_flipped_faces
+from . import files, snapshot
+from .files.shape import Shape
+from .options import to_settings
+from .output import OutputError, whole
+
+Progress = Callable[[float], object]
+
+# What may go wrong with one file; the others are done all the same.
+EXPECTED = (files.FileError, OutputError, core.InputError, OSError, MemoryError)
+
+# Share of the progress that is the estimate's; reading and writing have the rest.
+_READ, _ESTIMATED = 0.1, 0.9
+
+# Points are those of another file when they are no farther than that, in diagonals.
+_SAME_PLACE = 1e-5
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be done with a file.
+
+    Attributes
+    ----------
+    command : "estimate" | "compare" | "repair"
+    source : str
+    target : str or None
+        The file to be written.
+    settings : dict
+        Those that were given, see `options`.
+    overwrite : bool
+    image : str or None
+        A picture to be written.
+    truth : str or None
+        The file with the normals that count as right, of `compare`.
+    normals : "estimate" | "file"
+        Which normals `compare` is about.
+    fail_above : float or None
+        Degrees.
+    signed : bool
+        Whether a normal on the wrong side is off by more than 90 degrees.
+    """
+
+    command: str
+    source: str
+    target: str | None = None
+    settings: dict[str, Any] = field(default_factory=dict)
+    overwrite: bool = False
+    image: str | None = None
+    truth: str | None = None
+    normals: str = "estimate"
+    fail_above: float | None = None
+    signed: bool = False
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the task as plain values."""
+        return asdict(self)
+
+
+def attempt(task: Task, progress: Progress) -> dict[str, Any]:
+    """Do a task and return its row of the report, whatever happens to the file."""
+    start = time.perf_counter()
+    row: dict[str, Any] = {"input": task.source, "output": task.target}
+    try:
+        row |= {"status": "done"} | _COMMANDS[task.command](task, progress)
+    except EXPECTED as error:
+        row |= {"status": "failed", "error": _sentence(error)}
+    return row | {"seconds": round(time.perf_counter() - start, 3)}
+
+
+def _sentence(error: BaseException) -> str:
+    if isinstance(error, MemoryError):
+        return "needs more memory than there is"
+    if isinstance(error, OSError):
+        return error.strerror or str(error)
+    return " ".join(str(error).split())
+
+
+def _estimate(task: Task, progress: Progress) -> dict[str, Any]:
+    """Estimate the normals of a file and write them with it."""
+    assert task.target is not None
+    target = Path(task.target)
+    _check_target(task, target)
+    shape = files.read(Path(task.source))
+    progress(_READ)
+    normals, valid, row = estimated(shape, task, progress)
+    progress(_ESTIMATED)
+    return row | write_result(task, replace(shape, normals=kept(shape, normals, valid)))
+
+
+def _check_target(task: Task, target: Path) -> None:
+    """Raise before anything is computed when the result could not be written."""
+    if not files.format_of(target).holds_normals:
+        raise OutputError(
+            f"{target.suffix} has no normals of points: choose another output, .ply"
+        )
+    with whole(target, overwrite=task.overwrite):
+        pass
+
+
+def write_result(task: Task, shape: Shape) -> dict[str, Any]:
+    """Write a shape and a picture of it; return what the report says of them."""
+    row: dict[str, Any] = {}
+    if task.target is not None:
+        with whole(Path(task.target), overwrite=task.overwrite) as path:
+            row["lost"] = files.write(path, shape)
+    if task.image is not None:
+        with whole(Path(task.image), overwrite=task.overwrite) as path:
+            snapshot.draw(path, shape.points, snapshot.shaded(shape.normals))
+    return row
+
+
+def estimated(
+    shape: Shape, task: Task, progress: Progress
+) -> tuple[Any, Any, dict[str, Any]]:
+    """Return normals (n, 3), where they are valid (n,), and what there is to say.
+
+    Points that are not finite have none.
+    """
+    finite = np.isfinite(shape.points).all(axis=1)
+    points, faces, reference = shape.points, shape.faces, _reference(task, shape)
+    if not finite.all():
+        points, faces = points[finite], _among(finite, faces)
+        reference = None if reference is None else reference[finite]
+
+    def show(share: float) -> None:
+        progress(_READ + (_ESTIMATED - _READ) * share)
+
+    found = core.estimate_normals(
+        points,
+        faces=faces,
+        settings=to_settings(task.settings, reference),
+        progress=show,
+    )
+    normals, valid = np.zeros(shape.points.shape), np.zeros(len(finite), dtype=bool)
+    normals[finite], valid[finite] = found.normals, found.valid
+    count, good = len(valid), int(valid.sum())
+    row = found.summary() | {"points": count, "valid": good, "invalid": count - good}
+    return normals, valid, row | {"faces": _face_count(shape)}
+
+
+def _face_count(shape: Shape) -> int:
+    return 0 if shape.polygons is None else len(shape.polygons.sizes)
+
+
+def _among(finite: Any, faces: Any) -> Any:
+    """Return faces over the finite points alone."""
+    if faces is None:
+        return None
+    place = np.cumsum(finite) - 1
+    return place[faces[finite[faces].all(axis=1)]]
+
+
+def kept(shape: Shape, normals: Any, valid: Any) -> Any:
+    """Return normals, and where there are none the ones of before."""
+    if shape.normals is None:
+        return normals
+    return np.where(valid[:, None], normals, shape.normals)
+
+
+def _reference(task: Task, shape: Shape) -> Any:
+    name = task.settings.get("reference")
+    return None if name is None else _normals_of(name, shape)[0]
+
+
+def _normals_of(name: str, shape: Shape) -> tuple[Any, str]:
+    """Return the normals of a file at the points of a shape, and how they were found.
+
+    In order, where its points are the same; else of the nearest point.
+    """
+    try:
+        other = files.read(Path(name))
+    except files.FileError as error:
+        raise files.FileError(f"{name}: {error}") from None
+    if other.normals is None:
+        raise files.FileError(f"{name}: expected normals, got none")
+    size = np.linalg.norm(
+        np.nanmax(other.points, axis=0) - np.nanmin(other.points, axis=0)
+    )
+    if len(other.points) == len(shape.points):
+        away = np.abs(other.points - shape.points)
+        if not (away > _SAME_PLACE * size).any():
+            return other.normals, "order"
+    good = np.isfinite(np.hstack([other.points, other.normals])).all(axis=1)
+    tree = NearestNeighbors(np.asarray(other.points[good], dtype=np.float64)).tree
+    _, at = tree.query(np.nan_to_num(shape.points))
+    return other.normals[good][at], "nearest"
+
+
+def _compare(task: Task, progress: Progress) -> dict[str, Any]:
+    """Compare normals with Delaunay's and with the ones that count as right."""
+    shape = files.read(Path(task.source))
+    truth, matched = None, None
+    if task.truth is not None:
+        truth, matched = _normals_of(task.truth, shape)
+    progress(_READ)
+    row: dict[str, Any] = {"points": len(shape.points), "matched": matched}
+    if task.normals == "file":
+        if shape.normals is None:
+            raise files.FileError("expected normals in the file, got none")
+        ours = shape.normals
+    else:
+        ours, _, more = estimated(shape, task, progress)
+        row |= more
+    progress(_ESTIMATED)
+    baseline, name = _baseline(shape, task, truth, progress)
+    comparison = core.compare_normals(_plain(ours), baseline, truth=_plain(truth))
+    row |= comparison.summary() | {"baseline": name}
+    right = baseline if truth is None else _plain(truth)
+    row["check"] = _check(task, _plain(ours), right, "truth" if task.truth else name)
+    if task.image is not None:
+        measure = "deviation" if truth is None else "error_estimate"
+        with whole(Path(task.image), overwrite=task.overwrite) as path:
+            snapshot.draw(path, shape.points, comparison.colors(measure))
+    return row
+
+
+def _plain(normals: Any) -> Any:
+    """Return normals as finite numbers; those that were not are zero."""
+    if normals is None:
+        return None
+    normals = np.asarray(normals, dtype=np.float64)
+    return np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, 0.0)
+
+
+def _baseline(
+    shape: Shape, task: Task, truth: Any, progress: Progress
+) -> tuple[Any, str]:
+    """Return what the normals are held against, and its name."""
+    if task.normals == "file" and truth is None:
+        return estimated(shape, task, progress)[0], "estimate"
+    finite = np.isfinite(shape.points).all(axis=1)
+    normals = np.zeros(shape.points.shape)
+    normals[finite] = core.delaunay_normals(
+        shape.points[finite], faces=_among(finite, shape.faces)
+    )
+    return normals, "delaunay"
+
+
+def _check(task: Task, ours: Any, right: Any, name: str) -> dict[str, Any]:
+    """Return how far normals are from those that count as right, in degrees."""
+    both = (ours != 0).any(axis=1) & (right != 0).any(axis=1)
+    ours, right = unit(ours[both]), unit(right[both])
+    known = angle(ours, right)
+    opposite = (ours * right).sum(axis=1) < 0
+    if task.signed:
+        known = np.where(opposite, 180 - known, known)
+    row: dict[str, Any] = {
+        "reference": name,
+        "signed": task.signed,
+        "compared": len(known),
+        "opposite": int(opposite.sum()),
+        "max": float(known.max(initial=0)),
+        "mean": float(known.mean()) if len(known) else None,
+    }
+    if task.fail_above is not None:
+        above = int((known > task.fail_above).sum())
+        row |= {"limit": task.fail_above, "above": above}
+        row["failed"] = above > 0 or not len(known)
+    return row
+
+
+def _repair(task: Task, progress: Progress) -> dict[str, Any]:
+    """Wind the faces of a mesh alike and outward, and estimate its normals."""
+    assert task.target is not None
+    with whole(Path(task.target), overwrite=task.overwrite):
+        files.format_of(Path(task.target))
+    shape = files.read(Path(task.source))
+    if shape.polygons is None or shape.faces is None:
+        raise files.FileError("expected a mesh to repair, got points alone")
+    winding = find_flipped_faces(shape.points, shape.faces)
+    turned = np.zeros(len(shape.polygons.sizes), dtype=bool)
+    turned[shape.polygons.face_of_triangle[winding.flipped]] = True
+    shape = replace(shape, polygons=shape.polygons.turned(turned))
+    normals, valid, row = estimated(shape, task, progress)
+    row |= {
+        "flipped": int(turned.sum()),
+        "pieces": int(winding.piece.max()) + 1,
+        "inconsistent_edges": winding.inconsistent,
+        "onesided_edges": winding.onesided,
+        "nonmanifold_edges": winding.nonmanifold,
+        "border_edges": winding.border,
+    }
+    progress(_ESTIMATED)
+    normals = np.where(valid[:, None], normals, 0.0)
+    return row | write_result(task, replace(shape, normals=normals))
+
+
+_COMMANDS: dict[str, Callable[[Task, Progress], dict[str, Any]]] = {
+    "estimate": _estimate,
+    "compare": _compare,
+    "repair": _repair,
+}
