@@ -260,6 +260,19 @@ def targets(context: Context) -> list[Object]:
     return list(found.values())
 
 
+def shapes_of_scene(context: Context) -> list[Object]:
+    """Return all meshes and point clouds of the view layer, by name.
+
+    Of objects that share their data only the first is returned.
+    """
+    context.view_layer.update()
+    found: dict[Data, Object] = {}
+    for obj in sorted(context.view_layer.objects, key=lambda obj: obj.name):
+        if obj.type in TYPES:
+            found.setdefault(_data(obj), obj)
+    return list(found.values())
+
+
 def chosen(context: Context) -> list[Object]:
     """Return the selected objects, and the active one when it is being edited."""
     active = context.view_layer.objects.active
@@ -567,6 +580,18 @@ def read_places(obj: Object, name: str) -> Array:
     places = as_normals(places, len(places), name=f'values in "{name}"')
     matrix = np.array(obj.matrix_world)
     return places @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def read_shaded(obj: Object) -> Array | None:
+    """Return the mean of the normals that Blender shades each vertex with, (n, 3).
+
+    Zero at vertices without a face; None for points alone.
+    """
+    if is_cloud(obj):
+        return None
+    mesh = _data(obj)
+    vertex = arrays.corner_vertices(mesh)
+    return fan_means(arrays.corner_normals(mesh), vertex, len(mesh.vertices))
 
 
 def has_estimate(obj: Object) -> bool:

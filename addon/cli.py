@@ -6,10 +6,8 @@
 """
 
 import argparse
-import contextlib
-import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -246,7 +244,7 @@ def _reproduce(arguments: argparse.Namespace) -> int:
         results = reproduction.run(range(arguments.seeds), progress=show)
         reproduction.write(results, stage)
         if figures is not None:
-            with _silent_blender():
+            with _part("addon.output").silence():
                 figures.draw(stage, results["convergence"], progress=show)
     show(1.0, "")
     if not arguments.quiet:
@@ -310,21 +308,6 @@ def _progress_line(*, quiet: bool) -> Callable[[float, str], None]:
         pass
 
     return hide if quiet or not sys.stderr.isatty() else show
-
-
-@contextlib.contextmanager
-def _silent_blender() -> Iterator[None]:
-    """Hide what Blender itself prints, such as a line for each picture it saves."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    with Path(os.devnull).open("w") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
-    try:
-        yield
-    finally:
-        sys.stdout.flush()
-        os.dup2(kept, 1)
-        os.close(kept)
 
 
 if __name__ == "__main__":

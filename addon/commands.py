@@ -75,6 +75,7 @@ def _tasks(
         "",
         settings=settings,
         overwrite=arguments.overwrite,
+        skip_existing=arguments.skip_existing,
         **_of_compare(arguments),
     )
     several = len(planned) > 1 or batch.is_folder(arguments.image or "")
@@ -178,11 +179,17 @@ def _estimate_sentence(row: Row) -> str:
     said = f"{row['valid']:,} normals"
     if row["invalid"]:
         said += f", {row['invalid']:,} points without"
+    if "objects" in row:
+        return f"{said}, in {len(row['objects'])} objects"
     said += f", {row['neighbors']} neighbors" if row["neighbors"] else ""
     return f"{said}, oriented by {row['orientation']}"
 
 
 def _compare_sentence(row: Row) -> str:
+    if "objects" in row:
+        check = row["check"]
+        said = "{compared:,} normals at most {max:.3g} degrees from the {reference}'s"
+        return f"{len(row['objects'])} objects: {said.format_map(check)}"
     if "angle_estimate_rms" in row:
         said = (
             "RMS error {angle_estimate_rms:.3g} degrees, {baseline} "

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that appear whole or not at all, and replace others only when told to."""
+"""What goes out: files whole or not at all, and nothing of Blender's own words."""
 
+import os
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -76,3 +78,18 @@ def _explained(folder: Path) -> Iterator[None]:
         raise OutputError(
             f"cannot write to the folder {folder}: {error.strerror}"
         ) from error
+
+
+@contextmanager
+def silence() -> Iterator[None]:
+    """Hide what Blender itself prints, such as a line for each picture it saves."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    with Path(os.devnull).open("w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)

@@ -7,6 +7,8 @@ A Task is plain values, so that it can be handed to another process.
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ from ..core.winding import find_flipped_faces
 from . import files, snapshot
 from .files.shape import Shape
 from .options import to_settings
-from .output import OutputError, whole
+from .output import OutputError, silence, whole
 
 Progress = Callable[[float], object]
 
@@ -47,6 +49,8 @@ class Task:
     settings : dict
         Those that were given, see `options`.
     overwrite : bool
+    skip_existing : bool
+        Whether a file that has come to be there is right as it is.
     image : str or None
         A picture to be written.
     truth : str or None
@@ -64,6 +68,7 @@ class Task:
     target: str | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     overwrite: bool = False
+    skip_existing: bool = False
     image: str | None = None
     truth: str | None = None
     normals: str = "estimate"
@@ -82,6 +87,10 @@ def attempt(task: Task, progress: Progress) -> dict[str, Any]:
     try:
         row |= {"status": "done"} | _COMMANDS[task.command](task, progress)
     except EXPECTED as error:
+        # Somebody else, such as the rest of a run before, was faster.
+        there = task.target is not None and Path(task.target).exists()
+        if isinstance(error, OutputError) and task.skip_existing and there:
+            return row | {"status": "skipped"}
         row |= {"status": "failed", "error": _sentence(error)}
     return row | {"seconds": round(time.perf_counter() - start, 3)}
 
@@ -99,11 +108,51 @@ def _estimate(task: Task, progress: Progress) -> dict[str, Any]:
     assert task.target is not None
     target = Path(task.target)
     _check_target(task, target)
+    if _is_scene(task.source):
+        return _estimate_scene(task, target, progress)
     shape = files.read(Path(task.source))
     progress(_READ)
     normals, valid, row = estimated(shape, task, progress)
     progress(_ESTIMATED)
     return row | write_result(task, replace(shape, normals=kept(shape, normals, valid)))
+
+
+def _is_scene(name: str) -> bool:
+    return files.format_of(Path(name)).needs_blender
+
+
+def _scenes(name: str) -> Any:
+    """Return the module that opens scenes, where Blender is there."""
+    if not find_spec("bpy"):
+        raise files.FileError(
+            f"{Path(name).suffix} files need Blender: run "
+            "blender -b --command timescale_normals, or install bpy"
+        )
+    return import_module(".scenes", __package__)
+
+
+def _estimate_scene(task: Task, target: Path, progress: Progress) -> dict[str, Any]:
+    """Estimate the normals of all objects of a scene and write it with them."""
+    if not _is_scene(task.target or ""):
+        raise OutputError("a scene becomes a scene: .blend, .glb, .gltf or .usd")
+    if task.image is not None or "reference" in task.settings:
+        raise OutputError("--image and --reference are for files of one shape")
+    scenes = _scenes(task.source)
+    settings = to_settings(task.settings)
+    with silence():
+        scenes.open_scene(Path(task.source))
+        rows = scenes.estimate(settings, progress)
+    done = [row for row in rows if "error" not in row]
+    if not done:
+        raise files.FileError(f"{rows[0]['name']}: {rows[0]['error']}")
+    with whole(target, overwrite=task.overwrite) as path, silence():
+        scenes.save_scene(path)
+    totals = {
+        name: sum(row[name] for row in done)
+        for name in ("points", "valid", "invalid", "from_faces")
+    }
+    wrong = [f"{row['name']}: {row['error']}" for row in rows if "error" in row]
+    return totals | {"objects": rows, "warnings": wrong}
 
 
 def _check_target(task: Task, target: Path) -> None:
@@ -178,18 +227,22 @@ def kept(shape: Shape, normals: Any, valid: Any) -> Any:
 
 def _reference(task: Task, shape: Shape) -> Any:
     name = task.settings.get("reference")
-    return None if name is None else _normals_of(name, shape)[0]
+    return None if name is None else _normals_at(shape, read_other(name), name)[0]
 
 
-def _normals_of(name: str, shape: Shape) -> tuple[Any, str]:
-    """Return the normals of a file at the points of a shape, and how they were found.
+def read_other(name: str) -> Shape:
+    """Read a file that another one is held against."""
+    try:
+        return files.read(Path(name))
+    except files.FileError as error:
+        raise files.FileError(f"{name}: {error}") from None
+
+
+def _normals_at(shape: Shape, other: Shape, name: str) -> tuple[Any, str]:
+    """Return another shape's normals at the points of a shape, and how they were found.
 
     In order, where its points are the same; else of the nearest point.
     """
-    try:
-        other = files.read(Path(name))
-    except files.FileError as error:
-        raise files.FileError(f"{name}: {error}") from None
     if other.normals is None:
         raise files.FileError(f"{name}: expected normals, got none")
     size = np.linalg.norm(
@@ -207,10 +260,47 @@ def _normals_of(name: str, shape: Shape) -> tuple[Any, str]:
 
 def _compare(task: Task, progress: Progress) -> dict[str, Any]:
     """Compare normals with Delaunay's and with the ones that count as right."""
+    if _is_scene(task.source):
+        return _compare_scene(task, progress)
     shape = files.read(Path(task.source))
+    other = None if task.truth is None else read_other(task.truth)
+    return _compare_shape(shape, other, task, progress)
+
+
+def _compare_scene(task: Task, progress: Progress) -> dict[str, Any]:
+    """Compare object by object; the truth is another scene with the same names."""
+    if task.image is not None or "reference" in task.settings:
+        raise OutputError("--image and --reference are for files of one shape")
+    scenes = _scenes(task.source)
+    with silence():
+        shapes = scenes.read_shapes(Path(task.source))
+        others = scenes.read_shapes(Path(task.truth)) if task.truth else {}
+    rows = []
+    for name, shape in shapes.items():
+        if task.truth is not None and name not in others:
+            raise files.FileError(f"{task.truth}: expected an object {name}, got none")
+        row = _compare_shape(shape, others.get(name), task, progress)
+        rows.append({"name": name} | row)
+    checks = [row["check"] for row in rows]
+    total = checks[0] | {
+        "compared": sum(check["compared"] for check in checks),
+        "opposite": sum(check["opposite"] for check in checks),
+        "max": max(check["max"] for check in checks),
+        "mean": None,
+    }
+    if task.fail_above is not None:
+        total["above"] = sum(check["above"] for check in checks)
+        total["failed"] = any(check["failed"] for check in checks)
+    points = sum(row["points"] for row in rows)
+    return {"points": points, "objects": rows, "check": total}
+
+
+def _compare_shape(
+    shape: Shape, other: Shape | None, task: Task, progress: Progress
+) -> dict[str, Any]:
     truth, matched = None, None
-    if task.truth is not None:
-        truth, matched = _normals_of(task.truth, shape)
+    if other is not None:
+        truth, matched = _normals_at(shape, other, task.truth or "")
     progress(_READ)
     row: dict[str, Any] = {"points": len(shape.points), "matched": matched}
     if task.normals == "file":

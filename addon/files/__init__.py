@@ -24,6 +24,7 @@ class Format:
     holds_faces, holds_columns : bool
         Whether faces, and numbers by name for each point, can be written.
     needs_blender : bool
+        Whether it is a scene of objects: see `scenes`.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Format:
 
 
 _TEXT = Format("text", "text")
+_SCENE = Format("scene", "", holds_faces=True, needs_blender=True)
 
 FORMATS = {
     ".ply": Format("PLY", "ply", holds_faces=True, holds_columns=True),
@@ -54,6 +56,13 @@ FORMATS = {
     ".las": Format("LAS", "las", holds_columns=True),
     ".laz": Format("LAZ", "las", holds_columns=True),
     ".pcd": Format("PCD", "pcd", holds_columns=True),
+    ".blend": _SCENE,
+    ".glb": _SCENE,
+    ".gltf": _SCENE,
+    ".usd": _SCENE,
+    ".usda": _SCENE,
+    ".usdc": _SCENE,
+    ".usdz": _SCENE,
 }
 
 
@@ -76,6 +85,8 @@ def read(path: Path) -> Shape:
         When it is not there, damaged, or needs a library that is not there.
     """
     found = format_of(path)
+    if found.needs_blender:
+        raise FileError(f"expected points or one mesh, got a scene ({path.suffix})")
     try:
         shape = getattr(_module(found), "read" + found.kind)(path)
     except OSError as error:
@@ -90,6 +101,8 @@ def read(path: Path) -> Shape:
 def write(path: Path, shape: Shape) -> list[str]:
     """Write a shape with its normals; return what the file has no place for."""
     found = format_of(path)
+    if found.needs_blender:
+        raise FileError(f"expected a file of points as output, got {path.suffix}")
     getattr(_module(found), "write" + found.kind)(path, shape)
     lost = []
     if shape.polygons is not None and not found.holds_faces:
