@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -26,6 +27,10 @@ from .shape import (
 _DENSEST = 1100
 _POINTS = ("points", "vertices", "xyz", "pos", "positions", "arr_0")
 _FACES = ("faces", "triangles")
+
+# A header is a literal of Python, which numpy parses.
+_BAD_HEADER: tuple[Any, ...] = (ValueError, TypeError, SyntaxError, TokenError)
+_BAD_HEADER += (MemoryError, RecursionError)
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,7 @@ def read_header(file: BinaryIO, size: int) -> tuple[tuple[int, ...], bool, np.dt
         if find is None:
             raise ValueError("a version that is not known")
         shape, by_column, dtype = find(file)
-    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
+    except (*_BAD_HEADER,) as error:
         raise FileError(f"expected an array of numpy, got {_first(error)}") from None
     if dtype.hasobject or any(side < 0 for side in shape):
         raise FileError(f"expected an array of numbers, got one of {dtype}")

@@ -9,11 +9,13 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from . import laz
 from .libraries import needed
 from .shape import COLORS, FileError, Shape, checked_count
 
 NORMALS = ("NormalX", "NormalY", "NormalZ")
-CHUNK = 1_000_000
+# Bytes of points that are read at a time.
+CHUNK = 32 << 20
 
 _HEADERS = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375, 5: 393}
 _SCALES = (96, 56)  # Where the header holds scales, and where its count begins.
@@ -21,25 +23,26 @@ _SCALES = (96, 56)  # Where the header holds scales, and where its count begins.
 
 def read(path: Path) -> Shape:
     """Read points in double precision and all dimensions."""
-    laspy = needed("laspy", "LAS files")
     with opened(path) as reader:
-        parts = [part.array for part in reader.chunk_iterator(CHUNK)]
+        parts = [part.array for part in reader.chunk_iterator(chunk_of(reader.header))]
         header = reader.header
-        array = (
-            np.concatenate(parts) if parts else np.empty(0, header.point_format.dtype())
-        )
+        array = np.concatenate(parts or [np.empty(0, header.point_format.dtype())])
         if len(array) != header.point_count:
             raise FileError(
                 f"expected {header.point_count:,} points, which its header announces, "
                 f"got {len(array):,}"
             )
+        return _shape(array, header)
+
+
+def _shape(array, header):
+    laspy = needed("laspy", "LAS files")
     record = laspy.ScaleAwarePointRecord(
         array, header.point_format, header.scales, header.offsets
     )
     las = laspy.LasData(header, record)
-    names = list(header.point_format.dimension_names)
     columns = {}
-    for name in names:
+    for name in header.point_format.dimension_names:
         values = np.asarray(las[name])
         if name not in ("X", "Y", "Z") and values.ndim == 1:
             columns[name] = values
@@ -66,13 +69,26 @@ def opened(path: Path) -> Iterator[Any]:
     if compressed:
         needed("lazrs", "compressed LAS files")
     try:
-        with laspy.open(path, read_evlrs=False) as reader:
+        # The parallel decoder believes the sizes that a table of chunks announces.
+        backend = laspy.LazBackend.Lazrs if compressed else None
+        with laspy.open(path, read_evlrs=False, laz_backend=backend) as reader:
+            if compressed:
+                _check_compressed(path, reader.header)
             yield reader
     except FileError:
         raise
     except (*_failures(laspy, compressed),) as error:
-        said = str(error).partition("\n")[0][:100] or type(error).__name__
-        raise FileError(f"expected a LAS file, got a damaged one: {said}") from None
+        raise _damaged(error) from None
+    except BaseException as error:
+        # What a decoder in Rust could not foresee is no Exception.
+        if type(error).__name__ != "PanicException":
+            raise
+        raise _damaged(error) from None
+
+
+def _damaged(error):
+    said = str(error).partition("\n")[0][:100] or type(error).__name__
+    return FileError(f"expected a LAS file, got a damaged one: {said}")
 
 
 def _failures(laspy, compressed):
@@ -85,7 +101,7 @@ def _failures(laspy, compressed):
         AttributeError,
         struct.error,
     )
-    common += (OverflowError, EOFError, AssertionError, laspy.errors.LaspyException)
+    common += (ArithmeticError, EOFError, AssertionError, laspy.errors.LaspyException)
     return (*common, needed("lazrs", "").LazrsError) if compressed else common
 
 
@@ -116,6 +132,25 @@ def check_header(file: BinaryIO, size: int) -> bool:
     if not compressed:
         checked_count(count, each, size - data, "points")
     return compressed
+
+
+def _check_compressed(path, header):
+    found = header.vlrs.get("LasZipVlr")
+    if not found:
+        raise FileError("expected a record about the compression, got none")
+    with path.open("rb") as file:
+        laz.check(
+            file,
+            path.stat().st_size,
+            found[0].record_data,
+            header.offset_to_point_data,
+            header.point_format.size,
+        )
+
+
+def chunk_of(header: Any) -> int:
+    """Return how many points are read at a time."""
+    return max(1, CHUNK // header.point_format.size)
 
 
 def write(path: Path, shape: Shape) -> None:

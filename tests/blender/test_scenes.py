@@ -37,7 +37,8 @@ def test_objects_of_a_scene_get_normals(suffix, tmp_path, capfd):
     assert len(out.splitlines()) == 1
     assert "normals, in 2 objects" in out
     row = json.loads(report.read_text("utf-8"))["files"][0]
-    assert [item["name"].split(".")[0] for item in row["objects"]] == ["Ball", "Boulder"]
+    names = [item["name"].split(".")[0] for item in row["objects"]]
+    assert names == ["Ball", "Boulder"]
     found = scenes.read_shapes(tmp_path / "out" / f"b{suffix}")
     assert len(found) == 2
     for shape in found.values():

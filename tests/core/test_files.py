@@ -15,8 +15,11 @@ from addon.files.shape import Polygons, Shape
 
 # UTM: single precision is half a meter off here.
 UTM = np.array([623_000.25, 4_851_000.5, 1_234.75])
-EVERY = sorted(files.FORMATS)
-WITH_NORMALS = [name for name in EVERY if files.FORMATS[name].holds_normals]
+WITH_NORMALS = [
+    name
+    for name, kind in files.FORMATS.items()
+    if kind.holds_normals and not kind.needs_blender
+]
 
 
 @pytest.fixture
