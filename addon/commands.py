@@ -206,7 +206,7 @@ def _compare_sentence(row: Row) -> str:
 
 
 def _repair_sentence(row: Row) -> str:
-    return f"{row['flipped']:,} of {row['faces']:,} faces turned over, " + (
+    return f"{row['flipped_faces']:,} of {row['faces']:,} faces turned over, " + (
         _estimate_sentence(row)
     )
 

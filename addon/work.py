@@ -111,8 +111,12 @@ def _estimate(task: Task, progress: Progress) -> dict[str, Any]:
     if _is_scene(task.source):
         return _estimate_scene(task, target, progress)
     shape = files.read(Path(task.source))
+    turned: dict[str, Any] = {}
+    if task.settings.get("winding") == "repaired" and shape.faces is not None:
+        shape, turned = wound_alike(shape, task)
     progress(_READ)
     normals, valid, row = estimated(shape, task, progress)
+    row |= turned
     progress(_ESTIMATED)
     return row | write_result(task, replace(shape, normals=kept(shape, normals, valid)))
 
@@ -188,16 +192,16 @@ def estimated(
     points, faces, reference = shape.points, shape.faces, _reference(task, shape)
     if not finite.all():
         points, faces = points[finite], _among(finite, faces)
-        reference = None if reference is None else reference[finite]
+        if isinstance(reference, np.ndarray):
+            reference = reference[finite]
 
     def show(share: float) -> None:
         progress(_READ + (_ESTIMATED - _READ) * share)
 
+    # Faces that were to be turned over have been.
+    given = task.settings | {"winding": "as_is"}
     found = core.estimate_normals(
-        points,
-        faces=faces,
-        settings=to_settings(task.settings, reference),
-        progress=show,
+        points, faces=faces, settings=to_settings(given, reference), progress=show
     )
     normals, valid = np.zeros(shape.points.shape), np.zeros(len(finite), dtype=bool)
     normals[finite], valid[finite] = found.normals, found.valid
@@ -227,7 +231,12 @@ def kept(shape: Shape, normals: Any, valid: Any) -> Any:
 
 def _reference(task: Task, shape: Shape) -> Any:
     name = task.settings.get("reference")
-    return None if name is None else _normals_at(shape, read_other(name), name)[0]
+    if name is None:
+        return None
+    other = read_other(name)
+    if other.normals is None and other.faces is not None:
+        return other.points, other.faces
+    return _normals_at(shape, other, name)[0]
 
 
 def read_other(name: str) -> Shape:
@@ -376,22 +385,28 @@ def _repair(task: Task, progress: Progress) -> dict[str, Any]:
     shape = files.read(Path(task.source))
     if shape.polygons is None or shape.faces is None:
         raise files.FileError("expected a mesh to repair, got points alone")
-    winding = find_flipped_faces(shape.points, shape.faces)
+    shape, turned = wound_alike(shape, task)
+    normals, valid, row = estimated(shape, task, progress)
+    progress(_ESTIMATED)
+    normals = np.where(valid[:, None], normals, 0.0)
+    return row | turned | write_result(task, replace(shape, normals=normals))
+
+
+def wound_alike(shape: Shape, task: Task) -> tuple[Shape, dict[str, Any]]:
+    """Return a mesh whose faces wind alike and outward, and what the report says."""
+    assert shape.polygons is not None
+    nested = task.settings.get("nested", "cavity")
+    winding = find_flipped_faces(shape.points, shape.faces, nested=nested)
     turned = np.zeros(len(shape.polygons.sizes), dtype=bool)
     turned[shape.polygons.face_of_triangle[winding.flipped]] = True
-    shape = replace(shape, polygons=shape.polygons.turned(turned))
-    normals, valid, row = estimated(shape, task, progress)
-    row |= {
-        "flipped": int(turned.sum()),
+    return replace(shape, polygons=shape.polygons.turned(turned)), {
+        "flipped_faces": int(turned.sum()),
         "pieces": int(winding.piece.max()) + 1,
         "inconsistent_edges": winding.inconsistent,
         "onesided_edges": winding.onesided,
         "nonmanifold_edges": winding.nonmanifold,
         "border_edges": winding.border,
     }
-    progress(_ESTIMATED)
-    normals = np.where(valid[:, None], normals, 0.0)
-    return row | write_result(task, replace(shape, normals=normals))
 
 
 _COMMANDS: dict[str, Callable[[Task, Progress], dict[str, Any]]] = {

@@ -6,7 +6,7 @@ is not as much. So these sizes are held against the size of the file first.
 """
 
 import struct
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -51,7 +51,7 @@ def check(file: BinaryIO, size: int, record: bytes, data: int, each: int) -> Non
 
 def _items(record, each):
     """Return the (type, bytes) of the items that make up a point."""
-    words = np.frombuffer(record[32:], "<u2") if len(record) % 2 == 0 else []
+    words: Any = np.frombuffer(record[32:], "<u2") if len(record) % 2 == 0 else []
     if len(words) < 4 or len(words) != 1 + 3 * words[0]:
         raise FileError(_DAMAGED)
     kinds, sizes = (words[1:][at::3].tolist() for at in (0, 1))

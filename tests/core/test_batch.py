@@ -203,7 +203,7 @@ def test_repair_winds_faces_outward(suffix, tmp_path):
     command = ["repair", str(tmp_path / f"a{suffix}"), "-o", str(target)]
     assert cli.main([*command, "--report", str(report)]) == 0
     row = json.loads(report.read_text("utf-8"))["files"][0]
-    assert row["flipped"] == 2
+    assert row["flipped_faces"] == 2
     assert row["inconsistent_edges"] == 4
     shape = files.read(target)
     a, b, c = (shape.points[shape.faces[:, i]] for i in range(3))
