@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What goes out: files whole or not at all, and nothing of Blender's own words."""
 
+import ctypes
 import os
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 
@@ -85,11 +86,13 @@ def silence() -> Iterator[None]:
     """Hide what Blender itself prints, such as a line for each picture it saves."""
     sys.stdout.flush()
     kept = os.dup(1)
-    with Path(os.devnull).open("w") as nowhere:
+    with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere):
         os.dup2(nowhere.fileno(), 1)
-    try:
-        yield
-    finally:
-        sys.stdout.flush()
-        os.dup2(kept, 1)
-        os.close(kept)
+        try:
+            yield
+        finally:
+            if os.name == "posix":
+                # What Blender printed may wait in the buffer of its C library.
+                ctypes.CDLL(None).fflush(None)
+            os.dup2(kept, 1)
+            os.close(kept)
