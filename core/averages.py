@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from .faces import unit
 from .inputs import BoolArray, FloatArray, IntArray
 
 # Rounds after which a ladder has a rung.
@@ -106,5 +105,8 @@ def ladder(
 
 
 def _units(vectors):
-    """Return the vectors of fields side by side at length one."""
-    return unit(vectors.reshape(len(vectors), -1, 3)).reshape(vectors.shape)
+    """Return the vectors of fields side by side at length one, or zero."""
+    fields = vectors.reshape(len(vectors), -1, 3)
+    length = np.sqrt(np.einsum("ijk,ijk->ij", fields, fields))[:, :, None]
+    result = np.divide(fields, length, out=np.zeros_like(fields), where=length > 0)
+    return result.reshape(vectors.shape)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .averages import Averages
-from .faces import cross, face_vectors, mean_edge, unit
+from .faces import Triangles, squares
 from .inputs import FloatArray, IntArray
 
 # Vertices that are looked at, at most.
@@ -26,10 +26,11 @@ _FALL, _ROUGH = 1.3, 0.15
 # Fewer vertices than that say nothing about likeness.
 _FEW, _FEW_ROUGH = 60, 300
 
-# Steps of voxels: bumps as high as that, in edges, which are not like their neighbors,
-# and faces that look in few directions. Neighboring steps depend on each other, which
-# makes them as bad as noise three times as high.
-_STEP_HEIGHT, _STEP_ALIKE, _STEP_DIRECTIONS, _STEP_FACES = 0.1, 0.6, 100, 400
+# Steps of voxels: bumps as high as that, in edges, nearly everywhere, which are not
+# like their neighbors, and faces that look in few directions for their number.
+# Neighboring steps depend on each other: they are as bad as noise three times as high.
+_STEP_HEIGHT, _STEP_MEDIAN, _STEP_ALIKE = 0.08, 0.25, 0.6
+_STEP_DIRECTIONS, _STEP_FACES = 0.15, 400
 _STEP_NOISE = 3.0
 
 
@@ -39,8 +40,8 @@ class Bumps:
 
     Attributes
     ----------
-    height : float
-        Root mean square, in mean edges.
+    height, median : float
+        Root mean square and median of their absolute values, in mean edges.
     alike, alike_beyond : float
         The correlation with those of neighbors, and with those two edges away.
     count : int
@@ -48,6 +49,7 @@ class Bumps:
     """
 
     height: float
+    median: float
     alike: float
     alike_beyond: float
     count: int
@@ -78,26 +80,26 @@ class Bumps:
         )
 
 
-def find_bumps(
-    points: FloatArray, faces: IntArray, averages: Averages, normals: FloatArray
-) -> Bumps:
+def find_bumps(mesh: Triangles, averages: Averages, normals: FloatArray) -> Bumps:
     """Return how the vertices of a mesh stand out along smooth normals, (n, 3)."""
-    bump = ((averages.around(points) - points) * normals).sum(axis=1)
+    points = mesh.points
+    bump = np.einsum("ij,ij->i", averages.around(points) - points, normals)
     bump[~averages.inner] = 0
     rows = np.flatnonzero(averages.inner)
     count = len(rows)
-    edge = mean_edge(points, faces)
+    edge = mesh.mean_edge
     square = float((bump[rows] ** 2).mean()) if count else 0.0
     # Below the rounding of single precision nothing stands out.
     if square <= (1e-6 * edge) ** 2:
-        return Bumps(0.0, 1.0, 1.0, count)
+        return Bumps(0.0, 0.0, 1.0, 1.0, count)
     rows = rows[:: max(1, count // _SAMPLE)]
     near = averages.joined[rows]
     alike, beyond = (
         _likeness(matrix, rows, bump, averages.inner)
         for matrix in (near, _two_away(near, rows, averages))
     )
-    return Bumps(float(np.sqrt(square)) / edge, alike, beyond, count)
+    middle = float(np.median(np.abs(bump[rows])))
+    return Bumps(float(np.sqrt(square)) / edge, middle / edge, alike, beyond, count)
 
 
 def _two_away(near, rows, averages):
@@ -122,22 +124,23 @@ def _likeness(matrix, rows, bump, inner):
     return float((a * b).sum()) / scale if scale > 0 else 1.0
 
 
-def is_stepped(points: FloatArray, faces: IntArray, bumps: Bumps) -> bool:
+def is_stepped(mesh: Triangles, bumps: Bumps) -> bool:
     """Whether a mesh is made of the steps of voxels.
 
     Its vertices stand out far, and not as their neighbors do, while nearly all of its
     faces look in a few directions.
     """
     if (
-        len(faces) < _STEP_FACES
+        len(mesh.faces) < _STEP_FACES
         or bumps.height < _STEP_HEIGHT
+        or bumps.median < _STEP_MEDIAN * bumps.height
         or bumps.alike > _STEP_ALIKE
     ):
         return False
-    grid = np.rint(50 * unit(face_vectors(points, faces))).astype(np.int64) + 50
+    grid = np.rint(50 * mesh.normals).astype(np.int64) + 50
     key = np.bincount(grid @ np.array([101 * 101, 101, 1]))
-    share = np.cumsum(np.sort(key)[::-1]) / len(faces)
-    return bool(np.searchsorted(share, 0.98) < _STEP_DIRECTIONS)
+    share = np.cumsum(np.sort(key)[::-1]) / len(mesh.faces)
+    return bool(np.searchsorted(share, 0.98) < _STEP_DIRECTIONS * len(mesh.faces))
 
 
 def noise_of(bumps: Bumps, *, stepped: bool) -> float:
@@ -165,18 +168,15 @@ def edge_misfit(
     """
     i, j = edges
     along = points[j] - points[i]
-    square = np.einsum("ij,ij->i", along, along)
+    square = squares(along)
     lean = np.einsum("ij,ij->i", normals[i] + normals[j], along)
     lean = np.divide(lean * lean, 4 * square, out=np.zeros_like(lean), where=square > 0)
     count = len(points)
-    total: FloatArray = np.bincount(i, lean, minlength=count)
-    total += np.bincount(j, lean, minlength=count)
-    return total
+    total = np.bincount(i, lean, count) + np.bincount(j, lean, count)
+    return np.asarray(total, dtype=np.float64)
 
 
-def mesh_misfit(
-    points: FloatArray, faces: IntArray, fields: Sequence[FloatArray]
-) -> list[float]:
+def mesh_misfit(mesh: Triangles, fields: Sequence[FloatArray]) -> list[float]:
     """Return how badly fields of normals (n, 3) fit the edges of a whole mesh.
 
     The sums of the squared leans of `edge_misfit` times the squared length and the
@@ -184,27 +184,19 @@ def mesh_misfit(
     do not count: where they run is chance.
     """
     total = [0.0] * len(fields)
+    points, faces, sides = mesh.points, mesh.faces, mesh.sides
     for corner in range(3):
-        here, after, across = (faces[:, (corner + i) % 3] for i in range(3))
-        a, b = points[here] - points[across], points[after] - points[across]
-        along = b - a
-        sine = np.linalg.norm(cross(a, b), axis=1)
-        cosine = np.maximum(np.einsum("ij,ij->i", a, b), 0)
-        share = np.divide(cosine, sine, out=np.zeros_like(sine), where=sine > 0)
+        here, after = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
+        # The cosine and the sine, both times the sides beside the corner.
+        cosine = np.maximum(sides.sum(axis=1) / 2 - sides[:, corner], 0)
+        share = np.divide(
+            cosine,
+            mesh.doubled_areas,
+            out=np.zeros_like(cosine),
+            where=mesh.doubled_areas > 0,
+        )
+        along = points[after] - points[here]
         for row, normals in enumerate(fields):
             lean = np.einsum("ij,ij->i", normals[here] + normals[after], along)
-            total[row] += float((share * lean * lean).sum())
+            total[row] += float(np.einsum("i,i,i->", share, lean, lean))
     return total
-
-
-def shape_quality(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Return how far triangles are from slivers, (m,): 1 where all sides are equal.
-
-    The area over the sum of the squared sides, in units of the largest possible one.
-    """
-    sides = points[faces] - points[np.roll(faces, 1, axis=1)]
-    square = np.einsum("ijk,ijk->i", sides, sides)
-    double = np.linalg.norm(face_vectors(points, faces), axis=1)
-    return np.divide(
-        2 * np.sqrt(3) * double, square, out=np.zeros_like(double), where=square > 0
-    )

@@ -7,6 +7,9 @@ References
     Graphics Tools 4 (1999).
 """
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
 from .inputs import FloatArray, IntArray, as_choice
@@ -22,7 +25,9 @@ def face_vectors(points: FloatArray, faces: IntArray) -> FloatArray:
     (m, 3) float64
     """
     a, b, c = (points[faces[:, i]] for i in range(3))
-    return cross(b - a, c - a)
+    b -= a
+    c -= a
+    return cross(b, c)
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -35,33 +40,123 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return result
 
 
-def corner_weights(points: FloatArray, faces: IntArray, weights: str) -> FloatArray:
-    """Return what each triangle's cross product counts at each of its corners.
+def squares(vectors: FloatArray) -> FloatArray:
+    """Return the squared lengths of vectors (m, d), (m,)."""
+    return np.einsum("ij,ij->i", vectors, vectors)
 
-    Parameters
+
+@dataclass(frozen=True)
+class Triangles:
+    """Triangles of a mesh, and what was measured of them.
+
+    Attributes
     ----------
-    weights : "area" | "angle" | "max"
-        The triangle's area (N_D of the paper), its angle at the vertex, or the
-        sine over the product of the two edges of [1], exact on spheres.
-
-    Returns
-    -------
-    (m, 3) float64, zero for triangles without area
+    points, faces : (n, 3) float64, (m, 3) int
     """
-    as_choice(weights, FACE_WEIGHTS, name="face weights")
-    double = np.linalg.norm(face_vectors(points, faces), axis=1)
-    if weights == "area":
-        return np.repeat((double > 0).astype(np.float64)[:, None], 3, axis=1)
-    result = np.zeros((len(faces), 3))
-    for corner in range(3):
-        here, after, before = (points[faces[:, (corner + i) % 3]] for i in range(3))
-        a, b = after - here, before - here
-        if weights == "angle":
-            value, scale = np.arctan2(double, (a * b).sum(1)), double
-        else:
-            value, scale = np.ones(len(faces)), (a * a).sum(1) * (b * b).sum(1)
-        np.divide(value, scale, out=result[:, corner], where=(scale > 0) & (double > 0))
-    return result
+
+    points: FloatArray
+    faces: IntArray
+
+    @cached_property
+    def vectors(self) -> FloatArray:
+        """(m, 3) float64, see `face_vectors`."""
+        return face_vectors(self.points, self.faces)
+
+    @cached_property
+    def doubled_areas(self) -> FloatArray:
+        """(m,) float64."""
+        return np.sqrt(squares(self.vectors))
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """(m, 3) float64, unit; zero for triangles without area."""
+        return unit(self.vectors)
+
+    @cached_property
+    def sides(self) -> FloatArray:
+        """(m, 3) float64, the squared lengths of the sides opposite the corners."""
+        result = np.empty(self.faces.shape)
+        for corner in range(3):
+            ends = [self.faces[:, (corner + i) % 3] for i in (1, 2)]
+            result[:, corner] = squares(self.points[ends[0]] - self.points[ends[1]])
+        return result
+
+    @property
+    def mean_edge(self) -> float:
+        """The mean length of the sides."""
+        return float(np.sqrt(self.sides).mean())
+
+    @property
+    def quality(self) -> FloatArray:
+        """(m,) float64, 1 where all sides are equal and near 0 for slivers.
+
+        The area over the sum of the squared sides, in units of the largest possible.
+        """
+        total = self.sides.sum(axis=1)
+        share = np.divide(
+            self.doubled_areas, total, out=np.zeros_like(total), where=total > 0
+        )
+        return 2 * np.sqrt(3) * share
+
+    def weights(self, kind: str) -> FloatArray | None:
+        """Return what each triangle's vector counts at its corners; see below.
+
+        Returns
+        -------
+        (m, 3) float64, zero for triangles without area; None for ones.
+        """
+        as_choice(kind, FACE_WEIGHTS, name="face weights")
+        double = self.doubled_areas
+        if kind == "area":
+            return None
+        result = np.zeros(self.faces.shape)
+        whole = double > 0
+        for corner in range(3):
+            beside, after = (self.sides[:, (corner + i) % 3] for i in (1, 2))
+            if kind == "angle":
+                dot = (beside + after - self.sides[:, corner]) / 2
+                value, scale = np.arctan2(double, dot), double
+            else:
+                value, scale = np.ones(len(double)), beside * after
+            np.divide(value, scale, out=result[:, corner], where=(scale > 0) & whole)
+        return result
+
+    def vertex_normals(self, kind: str) -> FloatArray:
+        """Return the weighted mean of face normals at each vertex.
+
+        Parameters
+        ----------
+        kind : "area" | "angle" | "max"
+            The triangle's area (N_D of the paper), its angle at the vertex, or the
+            sine over the product of the two edges of [1], exact on spheres.
+
+        Returns
+        -------
+        (n, 3) float64, unit; zero at vertices without a face of any area.
+        """
+        weights = self.weights(kind)
+        return unit(corner_sums(self.vectors, self.faces, len(self.points), weights))
+
+    def fan_width(self, axes: FloatArray) -> FloatArray:
+        """Return how far the faces at each vertex turn from an axis.
+
+        Parameters
+        ----------
+        axes : (n, 3) float64, unit
+
+        Returns
+        -------
+        (n,) float64, the root mean square sine of the angles between the axis and the
+        normals of the faces; zero at vertices without a face.
+        """
+        count = len(self.points)
+        total, faces = np.zeros(count), np.zeros(count)
+        for corner in range(3):
+            at = self.faces[:, corner]
+            sine = squares(cross(self.normals, axes[at]))
+            total += np.bincount(at, sine, minlength=count)
+            faces += np.bincount(at, minlength=count)
+        return np.sqrt(total / np.maximum(faces, 1))
 
 
 def vertex_normals(
@@ -73,17 +168,14 @@ def vertex_normals(
     ----------
     points : (n, 3) float64
     faces : (m, 3) int
-    weights : see `corner_weights`
+    weights : "area" | "angle" | "max"
+        See `Triangles.vertex_normals`.
 
     Returns
     -------
     (n, 3) float64, unit; zero at vertices without a face of any area.
     """
-    vectors = face_vectors(points, faces)
-    scale = None
-    if weights != "area":
-        scale = corner_weights(points, faces, weights)
-    return unit(corner_sums(vectors, faces, len(points), scale))
+    return Triangles(points, faces).vertex_normals(weights)
 
 
 def corner_sums(
@@ -106,36 +198,15 @@ def corner_sums(
     -------
     (n, 3) float64
     """
-    total = np.zeros((count, 3))
-    for corner in range(3):
-        share = vectors if weights is None else vectors * weights[:, corner, None]
-        for axis in range(3):
-            total[:, axis] += np.bincount(
-                faces[:, corner], share[:, axis], minlength=count
-            )
-    return total
-
-
-def fan_width(points: FloatArray, faces: IntArray, axes: FloatArray) -> FloatArray:
-    """Return how far the faces at each vertex turn from an axis.
-
-    Parameters
-    ----------
-    axes : (n, 3) float64, unit
-
-    Returns
-    -------
-    (n,) float64, the root mean square sine of the angles between the axis and the
-    normals of the faces; zero at vertices without a face.
-    """
-    normals = unit(face_vectors(points, faces))
-    total, count = np.zeros(len(points)), np.zeros(len(points))
+    total = np.zeros((3, count))
     for corner in range(3):
         at = faces[:, corner]
-        sine = (cross(normals, axes[at]) ** 2).sum(axis=1)
-        total += np.bincount(at, sine, minlength=len(points))
-        count += np.bincount(at, minlength=len(points))
-    return np.sqrt(total / np.maximum(count, 1))
+        for axis in range(3):
+            share = vectors[:, axis]
+            if weights is not None:
+                share = share * weights[:, corner]
+            total[axis] += np.bincount(at, share, minlength=count)
+    return np.ascontiguousarray(total.T)
 
 
 def split_fans(
@@ -234,8 +305,7 @@ def fan_means(normals: FloatArray, vertex: IntArray, count: int) -> FloatArray:
 
 def mean_edge(points: FloatArray, faces: IntArray) -> float:
     """Return the mean length of the triangles' sides."""
-    sides = points[faces] - points[np.roll(faces, 1, axis=1)]
-    return float(np.linalg.norm(sides, axis=2).mean())
+    return Triangles(points, faces).mean_edge
 
 
 def unit(vectors: FloatArray) -> FloatArray:

@@ -15,22 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .averages import Averages, ladder
-from .evidence import (
-    edge_misfit,
-    find_bumps,
-    is_stepped,
-    mesh_misfit,
-    noise_of,
-    shape_quality,
-)
-from .faces import (
-    corner_sums,
-    face_vectors,
-    fan_width,
-    mean_edge,
-    unit,
-    vertex_normals,
-)
+from .evidence import edge_misfit, find_bumps, is_stepped, mesh_misfit, noise_of
+from .faces import Triangles, corner_sums, squares, unit, vertex_normals
 from .fitted import Fitted
 from .inputs import BoolArray, FloatArray, IntArray
 
@@ -44,6 +30,10 @@ _FIT_BETTER, _STRAYING = 0.905, 0.15
 # slivers, of less than that quality, faces are so bad that the bars are lower.
 _PATCH_BETTER, _PATCH_STRAYING = 0.5, 0.04
 _PATCH_BETTER_SLIVERS, _STRAYING_SLIVERS, _SLIVERS = 0.7, 0.1, 0.6
+
+# Patches that miss their points by less than that, as an angle, lie in a plane, which
+# faces know as well.
+_FLAT = 1e-7
 
 # With more noise than that, in edges, patches over a few rings have nothing to say.
 _TOO_NOISY = 0.1
@@ -109,29 +99,29 @@ def choose_normals(
     fit : callable () -> Fitted
         Fits patches over the rings of the mesh; called where they are needed.
     """
+    mesh = Triangles(points, faces)
     averages = Averages(len(points), faces)
-    sums = _scaled(corner_sums(face_vectors(points, faces), faces, len(points)))
+    sums = _area_vectors(mesh)
     smooth = unit(averages.means(sums, 2))
-    bumps = find_bumps(points, faces, averages, smooth)
-    stepped = not bumps.noisy and is_stepped(points, faces, bumps)
+    bumps = find_bumps(mesh, averages, smooth)
+    stepped = not bumps.noisy and is_stepped(mesh, bumps)
     patches = None
     if not stepped and not (bumps.noisy and bumps.noise > _TOO_NOISY):
-        patches = _Patches.of(points, faces, fit(), averages)
-    base, from_patch = _best_clean(points, faces, averages, patches)
+        patches = _Patches.of(mesh, fit(), averages)
+    base, from_patch = _best_clean(mesh, averages, patches)
     noisy = bumps.noisy or (
         patches is not None and bumps.noisy_if_rough(patches.straying)
     )
     if not (noisy or stepped):
         return _result(base.normals, smooth, from_patch, None, 0.0, "clean")
-    edge = mean_edge(points, faces)
-    shake = noise_of(bumps, stepped=stepped) * edge
-    normals, chosen = _best_smoothed(points, faces, averages, sums, base, shake)
+    shake = noise_of(bumps, stepped=stepped) * mesh.mean_edge
+    normals, chosen = _best_smoothed(mesh, averages, sums, base, shake)
     return _result(
         normals,
         smooth,
         from_patch & ~chosen,
         chosen,
-        bumps.noise * edge,
+        bumps.noise * mesh.mean_edge,
         "stepped" if stepped else "noisy",
     )
 
@@ -147,8 +137,9 @@ def _result(normals, smooth, from_patch, chosen, noise, kind):
     )
 
 
-def _scaled(vectors):
-    """Return vectors in single precision, none too large or too small for it."""
+def _area_vectors(mesh):
+    """Return the sums of area vectors at vertices in single precision, 1 at most."""
+    vectors = corner_sums(mesh.vectors, mesh.faces, len(mesh.points))
     top = np.abs(vectors).max(initial=0)
     return (vectors / top if top > 0 else vectors).astype(np.float32)
 
@@ -173,33 +164,27 @@ class _Patches:
     straying: float
 
     @classmethod
-    def of(cls, points, faces, fitted, averages):
-        guide = vertex_normals(points, faces, weights="angle")
-        square = fan_width(points, faces, guide) ** 2
-        misfit = fitted.misfit.astype(np.float64) ** 2
-        quality = shape_quality(points, faces)
-        corners = np.bincount(faces.ravel(), minlength=len(points))
-        total = np.bincount(faces.ravel(), np.repeat(quality, 3), len(points))
-        share = total / np.maximum(corners, 1)
-        gathered = averages.means(np.stack([misfit, square, share], axis=1), 2)
-        straying = np.sqrt(
-            np.divide(
-                gathered[:, 0],
-                gathered[:, 1],
-                out=np.zeros(len(points)),
-                where=gathered[:, 1] > 0,
-            )
-        )
+    def of(cls, mesh, fitted, averages):
+        guide = mesh.vertex_normals("angle")
+        turned = mesh.fan_width(guide) ** 2
+        strayed = fitted.misfit.astype(np.float64) ** 2
+        corners, count = mesh.faces.ravel(), len(mesh.points)
+        total = np.bincount(corners, np.repeat(mesh.quality, 3), count)
+        quality = total / np.maximum(np.bincount(corners, minlength=count), 1)
+        gathered = averages.means(np.stack([strayed, turned, quality], axis=1), 2)
         slivers = gathered[:, 2] < _SLIVERS
-        near = straying < np.where(slivers, _STRAYING_SLIVERS, _PATCH_STRAYING)
+        most = np.where(slivers, _STRAYING_SLIVERS, _PATCH_STRAYING)
+        near = gathered[:, 0] < most**2 * gathered[:, 1]
+        # What lies in a plane strays from it by rounding.
+        flat = gathered[:, 0] < _FLAT**2
         bar = np.where(slivers, _PATCH_BETTER_SLIVERS, _PATCH_BETTER)
-        turning = averages.inner & (square > 0)
-        single = np.sqrt(misfit[turning] / square[turning])
-        side = np.where((fitted.normals * guide).sum(axis=1) < 0, -1.0, 1.0)
+        some = averages.inner & (turned > 0)
+        straying = np.sqrt(strayed[some] / turned[some])
+        side = np.where(np.einsum("ij,ij->i", fitted.normals, guide) < 0, -1.0, 1.0)
         return cls(
             fitted.normals * side[:, None],
-            np.where(fitted.valid & near, bar, 0),
-            float(np.median(single)) if len(single) else 1.0,
+            np.where(fitted.valid & near & ~flat, bar, 0),
+            float(np.median(straying)) if len(straying) else 1.0,
         )
 
 
@@ -211,19 +196,19 @@ class _Base:
     weights: str
 
 
-def _best_clean(points, faces, averages, patches):
+def _best_clean(mesh, averages, patches):
     """Return the _Base of a mesh without noise, and who has a patch's normal, (n,)."""
-    fields = {w: vertex_normals(points, faces, weights=w) for w in ("angle", "max")}
-    angle, largest = mesh_misfit(points, faces, list(fields.values()))
+    fields = {kind: mesh.vertex_normals(kind) for kind in ("angle", "max")}
+    angle, largest = mesh_misfit(mesh, list(fields.values()))
     better = angle < _FIT_BETTER**2 * largest
     rough = patches is None or patches.straying > _STRAYING
     weights = "angle" if better or rough else "max"
     normals = fields[weights]
     if patches is None:
-        return _Base(normals, weights), np.zeros(len(points), dtype=bool)
+        return _Base(normals, weights), np.zeros(len(normals), dtype=bool)
     # Sums gathered over the same edges compare like means.
     misfits = [
-        edge_misfit(points, averages.edges, field)
+        edge_misfit(mesh.points, averages.edges, field)
         for field in (patches.normals, normals)
     ]
     gathered = averages.means(np.stack(misfits, axis=1), _GATHERED)
@@ -231,7 +216,7 @@ def _best_clean(points, faces, averages, patches):
     return _Base(np.where(chosen[:, None], patches.normals, normals), weights), chosen
 
 
-def _best_smoothed(points, faces, averages, sums, base, shake):
+def _best_smoothed(mesh, averages, sums, base, shake):
     """Return the normals with the least risk of a noisy mesh, and who has smooth ones.
 
     Parameters
@@ -243,19 +228,18 @@ def _best_smoothed(points, faces, averages, sums, base, shake):
         Standard deviation of the noise, in object units.
     """
     rng = np.random.default_rng(0)
-    moved = points + rng.normal(0, shake, points.shape)
-    shaken = _scaled(corner_sums(face_vectors(moved, faces), faces, len(points)))
+    moved = mesh.points + rng.normal(0, shake, mesh.points.shape)
+    other = Triangles(moved, mesh.faces)
     # What noise does to patches in the base is much the same as to its means.
     pair = np.concatenate(
-        [vertex_normals(p, faces, weights=base.weights) for p in (points, moved)],
-        axis=1,
+        [each.vertex_normals(base.weights) for each in (mesh, other)], axis=1
     ).astype(np.float32)
-    still = ((pair[:, 3:] - pair[:, :3]) ** 2).sum(axis=1)
+    still = squares(pair[:, 3:] - pair[:, :3])
     best = _Best(base.normals, averages.means(still[:, None], _GATHERED_VARIANCE)[:, 0])
     by_area = _Run(averages, 1.0)
     by_area.risk(pair)
     plain, sharpened = _Run(averages, _BIAS**2), _Run(averages, _BIAS**2)
-    both = np.concatenate([sums, shaken], axis=1)
+    both = np.concatenate([sums, _area_vectors(other)], axis=1)
     for rounds, means, sharper in ladder(averages, both):
         if rounds == 0:
             best.offer(means, by_area.risk(means), smooth=False)
@@ -304,10 +288,9 @@ class _Run:
         if before is None:
             return None
         step = pair - before
-        squares = [step[:, :3], step[:, 3:] - step[:, :3], pair[:, 3:] - pair[:, :3]]
+        parts = [step[:, :3], step[:, 3:] - step[:, :3], pair[:, 3:] - pair[:, :3]]
         turned, by_noise, variance = self._averages.means(
-            np.stack([(part * part).sum(axis=1) for part in squares], axis=1),
-            _GATHERED_VARIANCE,
+            np.stack([squares(part) for part in parts], axis=1), _GATHERED_VARIANCE
         ).T
         left = np.maximum(turned - _EXPLAINED * by_noise, 0)
         # Where everything is rounded off, differences become small again.

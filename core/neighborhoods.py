@@ -2,6 +2,7 @@
 """Patches of points, chunk by chunk, over the neighborhoods the settings ask for."""
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -159,11 +160,16 @@ class Rings(_Source):
 
     def __init__(self, points, faces, settings):
         super().__init__(points, settings)
-        if settings.graph == "mesh":
-            graph = NeighborGraph.mesh(len(points), faces)
+        self._faces = faces
+
+    @cached_property
+    def graph(self) -> NeighborGraph:
+        """Who is whose neighbor; a noisy mesh may never ask."""
+        if self.settings.graph == "mesh":
+            graph = NeighborGraph.mesh(len(self.points), self._faces)
         else:
-            graph = NeighborGraph.delaunay(points)
-        self.graph = graph.extended(settings.neighbors)
+            graph = NeighborGraph.delaunay(self.points)
+        return graph.extended(self.settings.neighbors)
 
     def chunks(self) -> list[IntArray]:
         """Return the rows chunk by chunk, those of like degree together."""
