@@ -58,6 +58,11 @@ bench-orientation: ## sides, time and memory next to peers, into docs/accuracy.m
 	@PYTHONPATH=.ci $(PYTHON) tests/benchmarks/install.py
 	@PYTHONPATH=. .venv/bench/bin/python tests/benchmarks/orientation.py --write $(OPTIONS)
 
+.PHONY: bench-meshes
+bench-meshes: ## normals of meshes made worse, beside Blender's and peers', into docs/accuracy.md
+	@PYTHONPATH=.ci $(PYTHON) tests/benchmarks/install.py
+	@PYTHONPATH=. .venv/bench/bin/python tests/benchmarks/meshes.py --write $(OPTIONS)
+
 # Types are checked under the name of the package, whatever the checkout is called.
 lint: core-environment ## ruff and mypy
 	$(CORE) -m ruff check .

@@ -5,8 +5,8 @@ Run by a Python that has bpy, on a folder of meshes that `meshes` wrote:
 
     .venv/blender-5.2/bin/python tests/benchmarks/blender_normals.py FOLDER
 
-Each FOLDER/NAME.npz holds points (n, 3), faces (m, 3) and sharp edges (e, 2); the corner
-normals (m, 3, 3) of each method go to FOLDER/NAME.found.npz.
+Each FOLDER/NAME.npz holds points (n, 3), faces (m, 3) and sharp edges (e, 2); the
+corner normals (m, 3, 3) of each method go to FOLDER/NAME.found.npz.
 """
 
 import sys

@@ -22,6 +22,9 @@ PEERS = {
     "pymeshlab": "pymeshlab>=2023.12",
     "point_cloud_utils": "point-cloud-utils>=0.30",
     "CGAL": "cgal>=6.0",
+    "igl": "libigl>=2.5",
+    "trimesh": "trimesh>=4",
+    "skimage": "scikit-image>=0.24",
     "vtk": "vtk>=9.3",
 }
 PYTHONS = ("3.12", "3.11", "3.13")

@@ -22,8 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT)]
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import damage
 import report
@@ -32,6 +31,7 @@ import solids
 from core import estimate_normals
 from core.faces import Triangles, corner_sums, split_fans, unit
 
+ROOT = Path(__file__).resolve().parents[2]
 # Below this many degrees normals are exact for all purposes: custom normals in tangent
 # space are off by 0.004 on average.
 EXACT = 0.01
@@ -184,9 +184,8 @@ def read_obj(path):
             points.append([float(value) for value in rest[:3]])
         elif word == "f":
             corner = [int(value.split("/")[0]) - 1 for value in rest]
-            faces += [
-                [corner[0], *corner[i : i + 2]] for i in range(1, len(corner) - 1)
-            ]
+            fan = range(1, len(corner) - 1)
+            faces += [[corner[0], corner[i], corner[i + 1]] for i in fan]
     return np.array(points), np.array(faces)
 
 

@@ -39,10 +39,10 @@ def rms(normals, truth):
 
 def best_of_faces(points, faces, truth):
     """Return the least error of face normals weighted by area, by angle and by Max."""
-    kinds = ("area", "angle", "max")
-    return min(
-        rms(vertex_normals(points, faces, weights=k)[faces], truth) for k in kinds
-    )
+    fields = [
+        vertex_normals(points, faces, weights=kind) for kind in ("area", "angle", "max")
+    ]
+    return min(rms(field[faces], truth) for field in fields)
 
 
 # What becomes of a mesh in each condition
@@ -75,9 +75,8 @@ def test_slivers_over_the_same_vertices_are_seen_through(bumpy):
     faces = damage.slivers(bumpy.points, bumpy.faces, damage.NONE, rounds=2)
     truth = bumpy.normals[0](bumpy.points)[faces]
     found = estimate_normals(bumpy.points, faces=faces)
-    assert (
-        rms(found.corner_normals, truth) < best_of_faces(bumpy.points, faces, truth) / 2
-    )
+    best = best_of_faces(bumpy.points, faces, truth)
+    assert rms(found.corner_normals, truth) < best / 2
 
 
 def test_the_steps_of_voxels_are_averaged():
