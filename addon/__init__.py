@@ -11,6 +11,7 @@ MODULES = (
     "run",
     "operators",
     "sides",
+    "repair",
     "coloring",
     "dress",
     "overlay",

@@ -26,7 +26,7 @@ from mathutils.bvhtree import BVHTree
 
 from ..core.faces import fan_means, unit
 from ..core.inputs import as_normals
-from . import arrays, custom_normals
+from . import arrays, custom_normals, polygons
 from .arrays import (
     BACKUP,
     CUSTOM_NORMAL,
@@ -413,6 +413,20 @@ def read_fans(
     return fans
 
 
+def read_faces(obj: Object, split: Collection[str]) -> polygons.Faces:
+    """Return how an object's triangles belong to its faces, parted at marked edges.
+
+    The triangles are those of `read_geometry`, in their order.
+    """
+    mirrored = np.linalg.det(np.array(obj.matrix_world)[:3, :3]) < 0
+    return polygons.read(_data(obj), split, mirrored=bool(mirrored))
+
+
+def read_corner_normals(obj: Object) -> Array:
+    """Return the normals that a mesh is shaded with, (c, 3) float64."""
+    return arrays.corner_normals(_data(obj)).astype(np.float64)
+
+
 def read_surface(obj: Object) -> Surface:
     """Return the faces of a mesh, after its modifiers, as a source of true normals.
 
@@ -680,6 +694,22 @@ def write_estimate(
         else:
             _write_of_corners(data, normals, valid, storage, weight, corners)
     write_results(obj, {"ts_normal": normals, "ts_valid": valid})
+
+
+def turn_faces(obj: Object, which: Array, corners: Corners) -> Corners:
+    """Turn some faces of a mesh, (f,) bool, over; return its corners as they are then.
+
+    Not a part of what `clear_results` brings back.
+    """
+    was = polygons.turn_over(_data(obj), which)
+    return replace(corners, normals=corners.normals[was], valid=corners.valid[was])
+
+
+def write_preview(obj: Object, colors: Array) -> None:
+    """Color the points of a mesh, (n, 4), in place of earlier results."""
+    clear_results(obj)
+    _claim(_data(obj))
+    write_results(obj, {COLOR: colors})
 
 
 def turn_normals(obj: Object, turned: Array, name: str) -> None:

@@ -56,7 +56,7 @@ def read_fans(mesh: Any, split: Collection[str]) -> Fans | None:
     ----------
     split : some of "sharp", "seams", "materials"
     """
-    edges = _marked_edges(mesh, split)
+    edges = marked_edges(mesh, split)
     if not edges.any():
         return None
     ends = arrays.get(mesh.edges, Kind("vertices", np.int32, 2))[edges]
@@ -67,7 +67,8 @@ def read_fans(mesh: Any, split: Collection[str]) -> Fans | None:
     return Fans(corner, vertex, faces, edges)
 
 
-def _marked_edges(mesh: Any, split: Collection[str]) -> Array:
+def marked_edges(mesh: Any, split: Collection[str]) -> Array:
+    """Return which edges of a mesh part it at its marks, (e,) bool."""
     marked: Array = np.zeros(len(mesh.edges), dtype=np.bool_)
     if "sharp" in split:
         marked |= _sharp_edges(mesh) & ~_sharpened(mesh)

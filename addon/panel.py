@@ -23,6 +23,7 @@ from .settings import (
 
 ESTIMATE, COMPARE, CLEAR = (operator.bl_idname for operator in OPERATORS)
 REORIENT = "timescale.reorient_normals"
+REPAIR = "timescale.repair_normals"
 
 # Rows of the last result: key of the core's summary, label.
 ESTIMATE_ROWS = (
@@ -75,6 +76,9 @@ class VIEW3D_PT_timescale(_InSidebar):
         row = column.row(align=True)
         for mode, text in (("flip", "Flip"), ("auto", "Reorient")):
             _button(row, REORIENT, context, text=text).mode = mode
+        row = column.row(align=True)
+        _button(row, REPAIR, context, icon="MODIFIER").preview = False
+        _button(row, REPAIR, context, text="Preview").preview = True
         column.operator(CLEAR, icon="LOOP_BACK")
 
 
@@ -187,6 +191,7 @@ class VIEW3D_MT_object_timescale(Menu):
         for name in (ESTIMATE, COMPARE):
             _button(self.layout, name, context)
         _button(self.layout, REORIENT, context)
+        _button(self.layout, REPAIR, context)
         self.layout.operator("timescale.show_patch")
         self.layout.operator(CLEAR)
 

@@ -209,6 +209,13 @@ def corner_sums(
     return np.ascontiguousarray(total.T)
 
 
+def angles_between(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the angles between vectors (m, 3) in degrees, (m,), 0 to 180."""
+    return np.degrees(
+        np.arctan2(np.sqrt(squares(cross(a, b))), np.einsum("ij,ij->i", a, b))
+    )
+
+
 def split_fans(
     count: int, faces: IntArray, edges: IntArray
 ) -> tuple[IntArray, IntArray]:

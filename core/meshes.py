@@ -62,6 +62,8 @@ class MeshNormals:
         Those among them whose mean reaches beyond the faces at the vertex.
     noise : float
         Standard deviation of the vertices' noise in object units, 0 where none shows.
+    edge : float
+        The mean length of the edges.
     kind : str
         "clean", "noisy" or "stepped".
     """
@@ -71,6 +73,7 @@ class MeshNormals:
     from_faces: int
     smoothed: int
     noise: float
+    edge: float
     kind: str
 
 
@@ -83,7 +86,9 @@ def with_faces(points: FloatArray, faces: IntArray, fitted: Fitted) -> MeshNorma
     replaced = ~fitted.valid & (guide != 0).any(axis=1)
     normals = np.where(replaced[:, None], guide, fitted.normals)
     valid = fitted.valid | replaced
-    return MeshNormals(normals, valid, int(replaced.sum()), 0, fitted.noise, "clean")
+    edge = Triangles(points, faces).mean_edge
+    count = int(replaced.sum())
+    return MeshNormals(normals, valid, count, 0, fitted.noise, edge, "clean")
 
 
 def choose_normals(
@@ -113,10 +118,12 @@ def choose_normals(
         patches is not None and bumps.noisy_if_rough(patches.straying)
     )
     if not (noisy or stepped):
-        return _result(base.normals, smooth, from_patch, None, 0.0, "clean")
+        none = np.zeros(len(points), dtype=bool)
+        return _result(mesh, base.normals, smooth, from_patch, none, 0.0, "clean")
     shake = noise_of(bumps, stepped=stepped) * mesh.mean_edge
     normals, chosen = _best_smoothed(mesh, averages, sums, base, shake)
     return _result(
+        mesh,
         normals,
         smooth,
         from_patch & ~chosen,
@@ -126,14 +133,19 @@ def choose_normals(
     )
 
 
-def _result(normals, smooth, from_patch, chosen, noise, kind):
+def _result(mesh, normals, smooth, from_patch, chosen, noise, kind):
     """Count who has what; where faces cancel out, those farther off stand in."""
     missing = (normals == 0).all(axis=1)
     normals = np.where(missing[:, None], smooth, normals).astype(np.float64)
     valid = (normals != 0).any(axis=1)
-    smoothed = 0 if chosen is None else int(chosen.sum())
     return MeshNormals(
-        unit(normals), valid, int((valid & ~from_patch).sum()), smoothed, noise, kind
+        unit(normals),
+        valid,
+        int((valid & ~from_patch).sum()),
+        int(chosen.sum()),
+        noise,
+        mesh.mean_edge,
+        kind,
     )
 
 

@@ -192,7 +192,7 @@ def staircase(field, box, cells):
 
 
 def cases_of_file(name, points, faces):
-    """Yield a given mesh made worse; its own normals, clean, are the truth.
+    """Yield a given mesh made worse; its own normals are the truth.
 
     Those of the faces around each vertex, weighted by angle, on either side of edges
     that turn by more than SHARP_ANGLE where the mesh is a part with creases.
@@ -204,7 +204,6 @@ def cases_of_file(name, points, faces):
     def case(damage, p=points, f=faces, t=truth, s=sharp):
         return Case(name, damage, p, f, t, s)
 
-    yield case("clean")
     for share in NOISE:
         yield case(f"noise {share:g}", noisy(points, faces, share))
     for bits in BITS:
