@@ -177,7 +177,7 @@ def write_vertices(
 
 def _write_vertices_in_tangent_space(mesh: Any, normals: Array, kept: Array) -> None:
     """Write normals of vertices; zeros stand for what Blender computes itself."""
-    bits, _ = _in_tangent_space(mesh, normals, "POINT")
+    bits, _ = in_tangent_space(mesh, normals, "POINT")
     arrays.write(mesh, CUSTOM_NORMAL, "INT16_2D", bits, domain="CORNER")
     if kept.any():
         _keep_bits(mesh, kept)
@@ -203,7 +203,7 @@ def write_corners(
         # Corners that no sharp edge separates share a tangent space and a normal.
         _write_flags(mesh, "sharp_edge", sharp | edges)
     # Blender sharpens more where corners differ.
-    bits, after = _in_tangent_space(mesh, normals, "CORNER")
+    bits, after = in_tangent_space(mesh, normals, "CORNER")
     arrays.write(mesh, CUSTOM_NORMAL, "INT16_2D", bits, domain="CORNER")
     made = after & ~sharp
     if made.any():
@@ -234,7 +234,7 @@ def _write_flags(mesh: Any, name: str, flags: Array) -> None:
         arrays.write(mesh, name, "BOOLEAN", flags, domain="EDGE")
 
 
-def _in_tangent_space(mesh: Any, normals: Array, domain: str) -> tuple[Array, Array]:
+def in_tangent_space(mesh: Any, normals: Array, domain: str) -> tuple[Array, Array]:
     """Return normals as Blender keeps them in tangent space, and the edges for it.
 
     A node does it, to the bit as the methods of meshes do, which read numbers from
@@ -251,6 +251,7 @@ def _in_tangent_space(mesh: Any, normals: Array, domain: str) -> tuple[Array, Ar
     sharp : (e,) bool
         The edges that have to be sharp.
     """
+    keys = set(bpy.data.shape_keys.keys())
     copy = mesh.copy()
     obj = bpy.data.objects.new(_WORK, copy)
     scene = bpy.data.scenes.new(_WORK)
@@ -270,7 +271,9 @@ def _in_tangent_space(mesh: Any, normals: Array, domain: str) -> tuple[Array, Ar
             bits = arrays.read(made, CUSTOM_NORMAL, "INT16_2D", domain="CORNER")
             return bits, _sharp_edges(made)
     finally:
-        bpy.data.batch_remove([scene, obj, copy, tree])
+        # 4.5 counts a user too many of a key that was copied.
+        left = [key for key in bpy.data.shape_keys if key.name not in keys]
+        bpy.data.batch_remove([scene, obj, copy, tree, *left])
 
 
 def _tangent_space_nodes(domain: str) -> Any:

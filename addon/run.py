@@ -7,6 +7,7 @@ happen in the operator, before and after it.
 """
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -40,6 +41,7 @@ class Worker:
     def __init__(self, jobs: Sequence[Job], compute: Callable[..., None]) -> None:
         self.jobs = jobs
         self.share = 0.0
+        self._begun = time.monotonic()
         self._compute = compute
         self._failure: BaseException | None = None
         self._stop = threading.Event()
@@ -50,6 +52,11 @@ class Worker:
     def stopped(self) -> bool:
         """Whether someone asked for the end."""
         return self._stop.is_set()
+
+    @property
+    def seconds(self) -> int:
+        """How long it has been at work: some stages take long without a word."""
+        return int(time.monotonic() - self._begun)
 
     def stop(self) -> None:
         """Ask for the end: the computation leaves at its next word of progress."""
@@ -181,7 +188,8 @@ class OnSelection(Operator):
             self.cancel(context)
             raise
         if not finished:
-            _show(context, f"{self.bl_label}: {worker.share:.0%}    Esc to stop")
+            done = f"{worker.share:.0%}, {worker.seconds} s"
+            _show(context, f"{self.bl_label}: {done}    Esc to stop")
             context.window_manager.progress_update(worker.share)
             return {"PASS_THROUGH"}
         self.cancel(context)

@@ -3,7 +3,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,8 +35,9 @@ from .winding import (
     wound_alike,
 )
 
-# Share of the progress that is the estimate's; the rest is the orientation's.
-_FITTED = 0.8
+# Where the progress stands when neighbors are found, and when patches are fitted; the
+# rest is the orientation's.
+_FOUND, _FITTED = 0.1, 0.7
 
 
 @dataclass(frozen=True)
@@ -333,12 +334,17 @@ def _silent(_share):
     """Report progress to nobody."""
 
 
+def _report_between(report, start, end, share):
+    """Report the share of a stage as one of the whole."""
+    report(start + (end - start) * share)
+
+
 def _estimate(points, faces, settings, report):
     """Estimate and orient the normals of centered points that differ."""
     source, settings = neighborhoods(points, faces, settings)
 
     def fit():
-        return fit_all(source, lambda share: report(_FITTED * share))
+        return fit_all(source, partial(_report_between, report, _FOUND, _FITTED))
 
     mesh, separated, condition = None, 0, None
     if faces is not None and settings.method == "auto":

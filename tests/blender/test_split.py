@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pytest
 import scenes
+from bl_ext.user_default.timescale_normals.addon import bridge
 
 # The worst of sixteen bits in tangent space, in degrees.
 SIXTEEN_BITS = 0.81
@@ -291,6 +292,21 @@ def test_faces_of_many_corners_are_parted_as_a_whole():
     mark(obj, "use_edge_sharp", z[:, 0] == z[:, 1])
     run(storage="free")
     assert error(obj, of_cylinder(obj)) < 0.1
+
+
+def test_marks_that_change_meanwhile_are_noticed():
+    """Of a run beside the window, which must not write what no longer fits."""
+    obj, rims = cylinder()
+    seen = {bridge.fingerprint(obj)}
+    for name in ("use_edge_sharp", "use_seam"):
+        mark(obj, name, rims)
+        seen.add(bridge.fingerprint(obj))
+    mark(obj, "use_smooth", np.zeros(len(obj.data.polygons)))
+    seen.add(bridge.fingerprint(obj))
+    obj.data.polygons[0].material_index = 1
+    seen.add(bridge.fingerprint(obj))
+    assert len(seen) == 5
+    assert bridge.fingerprint(obj) in seen
 
 
 def test_comparison_says_that_it_is_one_of_means(capfd):
