@@ -263,7 +263,10 @@ def write_estimate(job: Job, options: Options) -> None:
         job.notes.append(("WARNING", KEPT.format_map(summary)))
     job.notes += [("WARNING", warning) for warning in summary.get("warnings", ())]
     sentence = WITH_FACES if summary["from_faces"] else ESTIMATED
-    job.notes.append(("INFO", sentence.format_map(summary)))
+    sentence = sentence.format_map(summary)
+    if summary["noise_percent"] and not summary["from_faces"]:
+        sentence += f", noise {summary['noise_percent']:.2g} %"
+    job.notes.append(("INFO", sentence))
     job.done = True
 
 

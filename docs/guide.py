@@ -21,10 +21,16 @@ LOOK = """
 area.spaces.active.region_3d.view_perspective = "PERSP"
 with bpy.context.temp_override(window=window, area=area, region=region):
     bpy.ops.view3d.view_selected()
+# The sidebar covers the right.
+area.spaces.active.region_3d.view_distance *= 1.25
 """
 EMPTY = """
-bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
+bpy.data.batch_remove(
+    [*bpy.data.objects, *bpy.data.meshes, *bpy.data.collections[1:]]
+)
 bpy.context.scene.property_unset("timescale_normals")
+shading = area.spaces.active.shading
+shading.color_type, shading.show_specular_highlight = "MATERIAL", True
 """
 
 # Name of the picture, what is done for it, and a button that is pressed then.
@@ -49,6 +55,13 @@ STEPS = (
         EMPTY + "bpy.ops.timescale.add_samples(shape='torus', count=3000, seed=1)\n"
         "bpy.context.scene.timescale_normals.show_normals = True",
         "timescale.estimate_normals",
+    ),
+    (
+        "points",
+        EMPTY + "bpy.ops.timescale.add_samples("
+        "shape='bumpy', count=4000, noise=0.2)\n"
+        "bpy.ops.ed.undo_push(message='Add')",
+        "timescale.compare_delaunay",
     ),
     (
         "compare",

@@ -9,6 +9,7 @@ import pytest
 import scenes
 from bl_ext.user_default.timescale_normals import core
 from bl_ext.user_default.timescale_normals.addon import bridge, coloring, overlay
+from mathutils import Color
 
 MEASURES = list(core.comparison.MEASURES)
 
@@ -233,6 +234,32 @@ def test_points_are_discs_across_their_normals_that_close_the_surface():
     apart = np.sqrt(4 * np.pi / 2000)
     assert apart / np.sqrt(3) < radius.min()
     assert radius.max() < 1.5 * apart
+
+
+@pytest.mark.parametrize("kind", makers())
+def test_colors_are_in_a_render_without_a_window(kind, tmp_path):
+    """In the colors of the attribute, darker toward the rim and none brighter."""
+    obj = makers()[kind]()
+    compare(color_by="side_confidence", color_limit=1e-3, show_colors=True)
+    scene = bpy.context.scene
+    lens = bpy.data.cameras.new("C")
+    lens.type, lens.ortho_scale = "ORTHO", 1.0
+    scene.camera = scenes.link(bpy.data.objects.new("C", lens))
+    scene.camera.location = (0, 0, 5)
+    scene.render.engine, scene.cycles.samples = "CYCLES", 4
+    scene.render.resolution_x = scene.render.resolution_y = 24
+    scene.view_settings.view_transform = "Standard"
+    scene.render.image_settings.file_format = "PNG"
+    scene.render.filepath = str(tmp_path / "seen.png")
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(scene.render.filepath)
+    pixels = np.empty(24 * 24 * 4, np.float32)
+    image.pixels.foreach_get(pixels)
+    seen = np.median(pixels.reshape(-1, 4)[:, :3], axis=0)
+    # All points are past the end of the scale; the image is in sRGB.
+    [expected] = np.unique(scenes.get(obj, "ts_error_color")[:, :3], axis=0)
+    expected = np.array(Color(expected).from_scene_linear_to_srgb())
+    np.testing.assert_allclose(seen, expected, atol=0.12)
 
 
 def test_comparison_shows_its_colors_when_asked():

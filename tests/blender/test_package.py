@@ -119,6 +119,41 @@ def test_enabling_twice_and_disabling_leaves_nothing():
     assert not [name for group in disabled.values() for name in group if ours(name)]
 
 
+# In a process of its own: what is tested here must stay installed for the others.
+UNINSTALL = """
+import sys
+from pathlib import Path
+import bpy
+bpy.ops.extensions.package_install_files(
+    filepath=sys.argv[-1], repo="user_default", enable_on_install=True
+)
+bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3)
+assert bpy.ops.timescale.compare_delaunay(show_colors=True) == {"FINISHED"}
+bpy.ops.timescale.clear_results()
+modules = [repo.module for repo in bpy.context.preferences.extensions.repos]
+bpy.ops.extensions.package_uninstall(
+    repo_index=modules.index("user_default"), pkg_id="timescale_normals"
+)
+assert not hasattr(bpy.types.Scene, "timescale_normals")
+assert not dir(bpy.ops.timescale)
+folder = Path(bpy.utils.user_resource("EXTENSIONS"))
+print("left:", [str(p.relative_to(folder)) for p in folder.rglob("*.py")], flush=True)
+"""
+
+
+def test_uninstalling_leaves_nothing(tmp_path):
+    run = subprocess.run(
+        [sys.executable, "-P", "-c", UNINSTALL, str(PACKAGE)],
+        env=os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert run.returncode == 0, run.stderr
+    assert "left: []" in run.stdout, run.stdout
+
+
 def test_no_file_names_a_registry_or_a_path_of_this_machine():
     # Put together here, so that this file does not hold what it looks for.
     hosts = "|".join(("debian", "py" + "pi", "pythonhosted", "npm" + "js"))
