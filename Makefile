@@ -63,6 +63,11 @@ bench-meshes: ## normals of meshes made worse, beside Blender's and peers', into
 	@PYTHONPATH=.ci $(PYTHON) tests/benchmarks/install.py
 	@PYTHONPATH=. .venv/bench/bin/python tests/benchmarks/meshes.py --write $(OPTIONS)
 
+.PHONY: bench-door
+bench-door: environment $(ZIP) ## time in and out of Blender's memory, into docs/performance.md
+	@for venv in .venv/blender-*/; do \
+		$$venv/bin/python tests/benchmarks/door.py --zip $(ZIP) --write; done
+
 # Types are checked under the name of the package, whatever the checkout is called.
 lint: core-environment ## ruff and mypy
 	$(CORE) -m ruff check .

@@ -167,15 +167,15 @@ class VIEW3D_PT_timescale_result(_InSidebar):
         return bool(bridge.read_summary(context.object))
 
     def draw(self, context: Context) -> None:
-        """Show estimate and comparison as two tables."""
+        """Show comparison and estimate as two tables."""
         summary = bridge.read_summary(context.object)
+        if "comparison" in summary:
+            _table(self.layout, comparison_rows(summary["comparison"]))
+            self.layout.separator(type="LINE")
         if "estimate" in summary:
             _table(self.layout, result_rows(summary["estimate"]))
             for line in warning_lines(summary["estimate"], context.region.width):
                 self.layout.label(**line)
-        if "comparison" in summary:
-            self.layout.separator(type="LINE")
-            _table(self.layout, comparison_rows(summary["comparison"]))
         row = self.layout.row(align=True)
         row.operator("timescale.copy_report", text="Copy", icon="COPYDOWN")
         row.operator("timescale.export_report", text="Export", icon="EXPORT")

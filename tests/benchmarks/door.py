@@ -70,7 +70,6 @@ def measured(storage):
     jobs = importlib.import_module(f"{MODULE}.addon.jobs")
     options = bpy.context.scene.timescale_normals
     options.storage = storage
-    bpy.ops.timescale.clear_results()
     [job] = jobs.jobs_of(bpy.context)
     marks = [time.process_time()]
     for step in (jobs.read_shape, jobs.read_weight, jobs.read_split):
