@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from bpy.types import Context, Object, Operator
 
-from ..core import GridSurface, InputError, Settings, estimate_normals
+from ..core import GridSurface, InputError, Settings
 from ..core.neighborhoods import neighborhoods_of_all
 from . import bridge
 from .settings import Returned, settings_of
@@ -85,8 +85,9 @@ def view_of(shape: bridge.Geometry, row: int, settings: Settings) -> View:
     beside = [(i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)]
     n1, n2 = grid.points.shape[:2]
     jumps = [grid.points[a, b] for a, b in beside if 0 <= a < n1 and 0 <= b < n2]
-    along = [t[i, j] for t in grid.tangents(weights=settings.weights)]
-    along.append(patches.normals(weights=settings.weights)[0])
+    weights = source.settings.weights
+    along = [t[i, j] for t in grid.tangents(weights=weights)]
+    along.append(patches.normals(weights=weights)[0])
     reach = float(patches.reach[0])
     frame = np.stack([patches.u[:, 0], patches.v[:, 0], patches.n[:, 0]])
     local = np.stack([patches.x[:, 0], patches.y[:, 0], patches.z[:, 0]], axis=1)
@@ -175,7 +176,7 @@ class TIMESCALE_OT_show_patch(Operator):
                 if picked is None:
                     picked = shape.nearest(context.scene.cursor.location)
                 shape = parted(shape, obj, settings_of(context).split)
-                view = view_of(shape, picked, settings_used(context, obj, shape))
+                view = view_of(shape, picked, settings_used(context, obj))
                 show(context, view, obj.name)
         except InputError as error:
             self.report({"ERROR"}, f"{obj.name}: {error}")
@@ -194,26 +195,19 @@ def parted(
     return replace(shape, points=shape.points[fans.vertex], faces=fans.faces)
 
 
-def settings_used(context: Context, obj: Object, shape: bridge.Geometry) -> Settings:
-    """Return the settings of the last estimate, else what those of the scene become.
-
-    Whether a mesh is so noisy that its patches are wide is known when all are fitted.
-    """
+def settings_used(context: Context, obj: Object) -> Settings:
+    """Return the settings of the last estimate, else those of the scene."""
     summary = bridge.read_summary(obj).get("estimate")
     if summary is None:
         options = settings_of(context)
-        asked = Settings(
+        return Settings(
             method=options.method,
             neighbors=options.neighbors or None,
             radius=options.radius or None,
             graph=options.graph,
             patch=options.patch,
             weights=options.weights,
-            orientation="none",
         )
-        return estimate_normals(
-            shape.points, faces=shape.faces, settings=asked
-        ).settings
     names = ("method", "neighbors", "graph", "patch", "weights")
     return Settings(**{name: summary[name] for name in names})
 
