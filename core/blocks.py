@@ -64,8 +64,8 @@ class Blocks:
         # The one box of the last level is near itself, and nothing is beyond.
         wide = near = np.zeros((1, 1), dtype=np.int64), np.array([np.inf])
         for boxes in reversed(levels[1:-1]):
-            near = _near_boxes(boxes, boxes, *wide, _NEAR)
-            wide = _near_boxes(boxes, boxes, *wide, _NEAR_CREASES)
+            near = _near_all(boxes, wide, _NEAR)
+            wide = _near_all(boxes, wide, _NEAR_CREASES)
         # Of the parents of blocks.
         self._near, self._wide = near, wide
 
@@ -234,6 +234,18 @@ def _nobody(points, count):
 def _touched(wanted, size):
     """Return how many blocks a disk of so many points touches, with a margin."""
     return int(1.3 * (np.sqrt(wanted / size) + 1) ** 2)
+
+
+def _near_all(boxes, near, count):
+    """Find the nearest of all boxes of a level, run by run; see `_near_boxes`."""
+    near, trusted = near
+    together = boxes[0].shape[1] // len(near)
+    runs = []
+    for at in range(0, len(near), _BRANCH):
+        of_run = slice(at, at + _BRANCH)
+        run = [corner[:, at * together : (at + _BRANCH) * together] for corner in boxes]
+        runs.append(_near_boxes(run, boxes, near[of_run], trusted[of_run], count))
+    return tuple(np.concatenate(parts) for parts in zip(*runs, strict=True))
 
 
 def _near_boxes(boxes, others, near, trusted, count):

@@ -19,6 +19,7 @@ from .inputs import (
     IntArray,
     as_faces,
     as_points,
+    centered_parts,
 )
 from .meshes import MeshNormals, choose_normals, with_faces
 from .neighborhoods import Nearest, neighborhoods, neighborhoods_of_all, unique_points
@@ -215,17 +216,16 @@ def estimate_normals(
             f"{LEAST_NEIGHBORS} neighbors that a patch needs, got {len(points)}"
         )
     center = points.mean(axis=0)
-    centered = points - center
-    _check_spread(centered)
+    _check_spread(points, center)
     settings = _about(asked, center, points)
     if settings.method == "paper":
         settings = replace(settings, weights="paper", sheets=False)
     report = progress or _silent
     report(0.0)
     hold_memory()
-    kept, inverse = unique_points(centered)
+    kept, inverse = unique_points(points, center)
     if kept is None or inverse is None:
-        estimate = _estimate(centered, None, settings, report)
+        estimate = _estimate(points, None, settings, report, center=center)
         return replace(
             estimate, settings=_as_asked(estimate, asked), _input=(points, None)
         )
@@ -234,7 +234,8 @@ def estimate_normals(
             f"expected at least {LEAST_NEIGHBORS + 1} places for a patch, got "
             f"{len(points)} points in {len(kept)} places"
         )
-    estimate = _estimate(centered[kept], None, _of_rows(settings, kept), report)
+    settings = _of_rows(settings, kept)
+    estimate = _estimate(points[kept], None, settings, report, center=center)
     return replace(
         estimate,
         normals=estimate.normals[inverse],
@@ -305,13 +306,12 @@ def _joined(parted, points, vertex, fans):
 def _of_whole_mesh(points, faces, asked, report):
     """Estimate the normals of a mesh that nothing parts."""
     center = points.mean(axis=0)
-    centered = points - center
-    _check_spread(centered)
+    _check_spread(points, center)
     settings = _about(asked, center, points)
     if settings.method == "paper":
         settings = replace(settings, weights="paper", sheets=False)
     report(0.0)
-    return _estimate(centered, faces, settings, report)
+    return _estimate(points - center, faces, settings, report)
 
 
 def _of_places(orientation, inverse):
@@ -339,9 +339,9 @@ def _report_between(report, start, end, share):
     report(start + (end - start) * share)
 
 
-def _estimate(points, faces, settings, report):
-    """Estimate and orient the normals of centered points that differ."""
-    source, settings = neighborhoods(points, faces, settings)
+def _estimate(points, faces, settings, report, *, center=None):
+    """Estimate and orient the normals of points that differ, less their center."""
+    source, settings = neighborhoods(points, faces, settings, center=center)
 
     def fit():
         return fit_all(source, partial(_report_between, report, _FOUND, _FITTED))
@@ -362,8 +362,13 @@ def _estimate(points, faces, settings, report):
     report(_FITTED)
     orientation = _sides(points, normals, faces, settings, source)
     report(1.0)
+    if mesh is None:
+        # Nobody else has these: no second copy of so many.
+        normals *= orientation.signs[:, None]
+    else:
+        normals = normals * orientation.signs[:, None]
     return Estimate(
-        normals * orientation.signs[:, None],
+        normals,
         valid,
         replace(settings, orientation=orientation.mode),
         condition,
@@ -383,7 +388,8 @@ def _sides(points, normals, faces, settings, source):
         # noise the faces at a vertex alone are no guide.
         return sides_of_mesh(normals)
     return find_orientation(
-        points,
+        # Not even a centered copy is made where nobody looks at it.
+        points if settings.orientation == "none" else source.points,
         normals,
         mode=settings.orientation,
         faces=faces,
@@ -411,20 +417,18 @@ def _with_sheets(source, fitted):
     return normals, len(rows)
 
 
-def _check_spread(centered):
+def _check_spread(points, center):
     """Raise InputError when all points are in one place or on one line."""
-    size = np.abs(centered).max()
+    size = max(np.abs(part).max() for part in centered_parts(points, center))
     if size == 0:
-        raise InputError(
-            f"expected points that differ, got {len(centered)} in one place"
-        )
-    scaled = centered / size
-    spread = np.linalg.eigvalsh(scaled.T @ scaled)
+        raise InputError(f"expected points that differ, got {len(points)} in one place")
+    scaled = (part / size for part in centered_parts(points, center))
+    spread = np.linalg.eigvalsh(sum(part.T @ part for part in scaled))
     # Twelve digits of a square are six of a width: single-precision coordinates of
     # a line are rounded by a tenth of that.
     if spread[1] <= 1e-12 * spread[2]:
         raise InputError(
-            f"expected points that span a plane, got {len(centered)} on one line"
+            f"expected points that span a plane, got {len(points)} on one line"
         )
 
 

@@ -22,9 +22,11 @@ class Fitted:
 
 def fit_all(source, report):
     """Return the Fitted of all points of a source; report(share) as it goes."""
-    n = len(source.points)
+    # First of all: making the neighborhoods takes memory that results take later.
+    chunks = source.chunks()
+    n = source.count
     normals, valid = np.zeros((n, 3)), np.zeros(n, dtype=bool)
-    misfit, noise = np.zeros((2, n), dtype=np.float32)
+    misfit, noise = (np.zeros(n, dtype=np.float32) for _ in range(2))
     condition = np.full(n, np.inf) if source.paper else None
 
     def work(rows):
@@ -36,8 +38,8 @@ def fit_all(source, report):
         if condition is not None:
             condition[rows] = patches.condition
 
-    chunks = source.chunks()
     for done in in_threads(work, chunks, source.settings.threads):
         report(done / len(chunks))
-    middle = float(np.median(noise[valid])) if valid.any() else 0.0
+    known = noise[valid]
+    middle = float(np.median(known, overwrite_input=True)) if len(known) else 0.0
     return Fitted(normals, valid, misfit, middle, condition)

@@ -27,20 +27,36 @@ class NearestNeighbors:
     Parameters
     ----------
     points : (n, 3) float64
+    center : (3,), optional
+        Taken off the points; as long as nobody asks for `points` that is no copy.
     threads : int, optional
         As many as there are cores, if not said.
     """
 
-    def __init__(self, points: FloatArray, *, threads: int | None = None) -> None:
-        self.points = points
+    def __init__(
+        self,
+        points: FloatArray,
+        *,
+        center: FloatArray | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self._given, self._center = points, center
         self._threads = threads
         self._starts: dict[int, int] = {}
         self._tree: Any = None
         self._one_tree = Lock()
 
+    def __len__(self) -> int:
+        return len(self._given)
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """(n, 3) float64, centered, in the order of the input."""
+        return self._given if self._center is None else self._given - self._center
+
     @cached_property
     def _halved(self):
-        return halved(self.points, LARGEST, threads=self._threads)
+        return halved(self._given, LARGEST, center=self._center, threads=self._threads)
 
     @property
     def order(self) -> IntArray:

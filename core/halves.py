@@ -29,7 +29,11 @@ def sizes_of_halves(count: int, most: int) -> list[IntArray]:
 
 
 def halved(
-    points: FloatArray, most: int, *, threads: int | None = None
+    points: FloatArray,
+    most: int,
+    *,
+    center: FloatArray | None = None,
+    threads: int | None = None,
 ) -> tuple[FloatArray, IntArray]:
     """Sort points so that halves of halves, and so on, are boxes of their own.
 
@@ -38,6 +42,8 @@ def halved(
     points : (n, 3) float64
     most : int
         Points of the least boxes, at most.
+    center : (3,), optional
+        Taken off the coordinates.
     threads : int, optional
 
     Returns
@@ -52,7 +58,8 @@ def halved(
     Each box is cut across its longest side. The place of a point stands in the last
     bits of its coordinate while these are parted, as plain numbers.
     """
-    coordinates = np.ascontiguousarray(points.T)
+    coordinates = np.empty(points.shape[::-1])
+    np.subtract(points.T, 0 if center is None else center[:, None], out=coordinates)
     order = np.arange(len(points), dtype=np.int32)
     levels = sizes_of_halves(len(points), most)
     start = 0
@@ -77,21 +84,25 @@ def halved(
 def _halve(part):
     """Halve the boxes of a part, in place, level by level."""
     coordinates, order, levels = part
-    # One place more, so that every box may be read as if it had the largest size.
-    local = np.zeros((3, len(order) + 1))
-    local[:, :-1] = coordinates
+    local = coordinates
+    if len(levels) > 1:
+        # One place more, so that every box may be read as if it had the largest size.
+        local = np.zeros((3, len(order) + 1))
+        local[:, :-1] = coordinates
     for sizes in levels:
         place = _parted(local, sizes)
-        for row in (*local[:, :-1], order):
+        for row in (*local[:, : len(order)], order):
             row[:] = np.take(row, place)
-    coordinates[:] = local[:, :-1]
+    if len(levels) > 1:
+        coordinates[:] = local[:, :-1]
 
 
 def _parted(coordinates, sizes):
     """Return the places of the points, box by box, first halves first."""
     width, starts = sizes.max(), np.cumsum(sizes) - sizes
-    low = np.minimum.reduceat(coordinates[:, :-1], starts, axis=1)
-    high = np.maximum.reduceat(coordinates[:, :-1], starts, axis=1)
+    there = coordinates[:, : starts[-1] + sizes[-1]]
+    low = np.minimum.reduceat(there, starts, axis=1)
+    high = np.maximum.reduceat(there, starts, axis=1)
     axis = (high - low).argmax(axis=0)
     along = sliding_window_view(coordinates, width, axis=1)[axis, starts]
     # From zero up floats are ordered as their bits are.
@@ -102,5 +113,7 @@ def _parted(coordinates, sizes):
     key |= np.arange(width)
     key[sizes < width, -1] = _MISSING
     key.partition(width // 2, axis=-1)
-    place = (key & bits) + starts[:, None]
-    return place.ravel() if sizes.min() == width else place[key != _MISSING]
+    missing = key == _MISSING if sizes.min() < width else None
+    key &= bits
+    key += starts[:, None]
+    return key.ravel() if missing is None else key[~missing]

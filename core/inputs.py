@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The border of the core: what may come in, and the one error that says what did."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+# Rows of a part that is worked on by itself.
+_PART = 1 << 16
 
 # Shapes are said in the docstrings.
 FloatArray = NDArray[np.floating[Any]]
@@ -46,6 +50,12 @@ def as_points(points: ArrayLike, *, least: int = 1, name: str = "points") -> Flo
             f"{len(bad)} of {len(array)} rows (the first is row {bad[0]})"
         )
     return array
+
+
+def centered_parts(points: FloatArray, center: FloatArray) -> Iterator[FloatArray]:
+    """Yield points (n, 3) less a center (3,), part by part: never a copy of all."""
+    for at in range(0, len(points), _PART):
+        yield points[at : at + _PART] - center
 
 
 def as_numbers(values: ArrayLike, *, name: str) -> FloatArray:

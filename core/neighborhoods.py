@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from .graph import NearestNeighbors, NeighborGraph
-from .inputs import FloatArray, InputError, IntArray
+from .inputs import FloatArray, InputError, IntArray, centered_parts
 from .patch import LEAST_NEIGHBORS, Patches, fit_patches, precision
 from .scale import choose_scale
 from .settings import PATCHES, Settings
@@ -23,15 +23,21 @@ _CUBIC_FROM = 12
 
 
 def neighborhoods(
-    points: FloatArray, faces: IntArray | None, settings: Settings
+    points: FloatArray,
+    faces: IntArray | None,
+    settings: Settings,
+    *,
+    center: FloatArray | None = None,
 ) -> "tuple[Nearest | Rings, Settings]":
     """Return who is whose neighbor, and how many, as the settings ask.
 
     Parameters
     ----------
-    points : (n, 3) float64, centered, all different where there are no faces
+    points : (n, 3) float64, all different where there are no faces
     faces : (m, 3) int or None
     settings : Settings
+    center : (3,), optional
+        Taken off the points.
 
     Returns
     -------
@@ -49,8 +55,9 @@ def neighborhoods(
         raise InputError('expected faces for graph "mesh", got points alone')
     if graph != "nearest":
         settings = replace(settings, graph=graph, **_fixed(settings))
+        points = points if center is None else points - center
         return Rings(points, faces, settings), settings
-    nearest = NearestNeighbors(points, threads=settings.threads)
+    nearest = NearestNeighbors(points, center=center, threads=settings.threads)
     if settings.method == "auto" and settings.neighbors is None:
         patch, count = choose_scale(nearest)
         patch = patch if settings.patch == "auto" else settings.patch
@@ -100,15 +107,15 @@ def _fixed(settings):
 class _Source:
     """Patches of points, whatever their neighborhoods come from.
 
-    A subclass has `chunks()`, and `_offsets(rows)` that returns what `fit_patches`
-    takes.
+    A subclass has `points`, `chunks()`, and `_offsets(rows)` that returns what
+    `fit_patches` takes.
     """
 
-    def __init__(self, points, settings):
-        self.points = points
+    def __init__(self, count, settings):
+        self.count = count
         self.settings = settings
         self.paper = settings.method == "paper"
-        self.dtype = np.dtype(float) if self.paper else precision(len(points))
+        self.dtype = np.dtype(float) if self.paper else precision(count)
 
     def _offsets(self, rows):
         raise NotImplementedError
@@ -132,8 +139,13 @@ class Nearest(_Source):
     """Patches over nearest points."""
 
     def __init__(self, nearest, settings):
-        super().__init__(nearest.points, settings)
+        super().__init__(len(nearest), settings)
         self.nearest = nearest
+
+    @property
+    def points(self) -> FloatArray:
+        """(n, 3) float64, centered."""
+        return self.nearest.points
 
     def chunks(self) -> list[IntArray]:
         """Return the rows chunk by chunk, leaf by leaf."""
@@ -159,7 +171,8 @@ class Rings(_Source):
     """Patches over the rings of a graph: Delaunay edges or mesh edges."""
 
     def __init__(self, points, faces, settings):
-        super().__init__(points, settings)
+        super().__init__(len(points), settings)
+        self.points = points
         self._faces = faces
 
     @cached_property
@@ -194,9 +207,15 @@ class Rings(_Source):
 
 
 def unique_points(
-    points: FloatArray,
+    points: FloatArray, center: FloatArray | None = None
 ) -> tuple[IntArray | None, IntArray | None]:
     """Find points that share a place.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    center : (3,), optional
+        Taken off the points: those that are alike then share a place.
 
     Returns
     -------
@@ -207,15 +226,17 @@ def unique_points(
     """
     # Sorting one hash a point is many times faster than sorting the points: most
     # clouds hold no twins, and this is all they pay.
-    bits = (points + 0.0).view(np.uint64)
-    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9])
-    mixed = (bits ^ (bits >> np.uint64(29))) * factors.astype(np.uint64)
-    key = mixed[:, 0] ^ (mixed[:, 1] >> np.uint64(7)) ^ (mixed[:, 2] << np.uint64(9))
-    key = np.sort(key)
+    center = np.zeros(3) if center is None else center
+    key = np.empty(len(points), dtype=np.uint64)
+    at = 0
+    for part in centered_parts(points, center):
+        key[at : at + len(part)] = _hashes(part)
+        at += len(part)
+    key.sort()
     if not (key[1:] == key[:-1]).any():
         return None, None
     _, first, inverse = np.unique(
-        points, axis=0, return_index=True, return_inverse=True
+        points - center, axis=0, return_index=True, return_inverse=True
     )
     if len(first) == len(points):
         return None, None
@@ -223,3 +244,12 @@ def unique_points(
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return first[order], rank[inverse.ravel()]
+
+
+def _hashes(points):
+    """Return a number for each point (n, 3) that equal points share, (n,) uint64."""
+    # Adding zero makes one zero of the two.
+    bits = (points + 0.0).view(np.uint64)
+    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9])
+    mixed = (bits ^ (bits >> np.uint64(29))) * factors.astype(np.uint64)
+    return mixed[:, 0] ^ (mixed[:, 1] >> np.uint64(7)) ^ (mixed[:, 2] << np.uint64(9))

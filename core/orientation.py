@@ -202,7 +202,9 @@ def find_orientation(
 def _decided(normals, mode, directions=None):
     """Agree with directions (n, 3) as a guide has them, or leave sides as they are."""
     # No direction at all leaves every side as it is.
-    signs = agreeing(normals, 0 * normals if directions is None else directions)
+    signs: IntArray = np.ones(len(normals), dtype=np.int8)
+    if directions is not None:
+        signs = agreeing(normals, directions)
     sure = (normals != 0).any(axis=1).astype(np.float64)
     return Orientation(signs, mode, 0, sure)
 

@@ -118,7 +118,8 @@ def suspects(misfit: FloatArray, valid: BoolArray) -> tuple[IntArray, float]:
         See `Patches.misfit`.
     valid : (n,) bool
     """
-    noise = float(np.median(misfit[valid])) if valid.any() else 0.0
+    known = misfit[valid]
+    noise = float(np.median(known, overwrite_input=True)) if len(known) else 0.0
     bar = max(_SUSPECT, _OVER_NOISE * noise)
     return np.flatnonzero(valid & (misfit > bar)), noise
 
@@ -151,44 +152,51 @@ def separate(
     (n, 3) float64
     """
     order = rows[np.argsort(nearest.rank[rows], kind="stable")]
-    chunks = [order[at : at + _CHUNK] for at in range(0, len(order), _CHUNK)]
+    parts = [slice(at, at + _CHUNK) for at in range(0, len(order), _CHUNK)]
     tolerance = max(_TOLERANCE, 2 * noise)
-    hopeless = misfit > max(_HOPELESS, _OVER_NOISE * noise)
+    hopeless = misfit[order] > max(_HOPELESS, _OVER_NOISE * noise)
     count = min(CANDIDATES, len(normals) - 1)
-    candidates = {id(chunk): nearest.neighbors(chunk, count)[0].T for chunk in chunks}
-    first, now = normals, normals
+    candidates = np.empty((len(order), count), dtype=np.int32)
+
+    def look_up(part):
+        candidates[part] = nearest.places(order[part], count)[1]
+
+    run(look_up, parts)
+    now = normals.copy()
     turned = np.ones(len(normals), dtype=bool)
     for stage in range(1 + _ROUNDS):
-        after = now.copy()
+        before = now[order]
+        after = before.copy()
 
-        def work(chunk, stage=stage, now=now, after=after, turned=turned):
-            index = candidates[id(chunk)]
+        def work(part, stage=stage, after=after):
+            own, place = order[part], candidates[part].T
+            index = nearest.order[place]
             # Nothing changes for a point around which nothing has.
-            active = turned[chunk] | turned[index].any(axis=0)
-            own, index = chunk[active], index[:, active]
-            if not len(own):
+            active = turned[own] | turned[index].any(axis=0)
+            if not active.any():
                 return
+            own, place, index = own[active], place[:, active], index[:, active]
             others = None if stage == 0 else now[index]
-            around = _look_around(nearest, own, index, others)
+            around = _look_around(nearest, own, place, others)
             found, agreeing = _one_stage(around, now[own], tolerance, stage)
-            accepted = (agreeing >= _AGREEING) | hopeless[own]
-            after[own] = np.where(accepted[:, None], found.T, first[own])
+            accepted = (agreeing >= _AGREEING) | hopeless[part][active]
+            after[part][active] = np.where(accepted[:, None], found.T, normals[own])
 
-        run(work, chunks)
-        turned = 1 - np.abs((now * after).sum(axis=1)) > tolerance**2 / 2
-        now = after
+        run(work, parts)
+        turned[:] = False
+        turned[order] = 1 - np.abs((before * after).sum(axis=1)) > tolerance**2 / 2
+        now[order] = after
     return now
 
 
-def _look_around(nearest, rows, index, neighbors):
+def _look_around(nearest, rows, place, neighbors):
     """Gather candidates in units of the farthest."""
-    dtype = precision(len(nearest.points))
-    offsets = np.moveaxis(nearest.points[index] - nearest.points[rows], -1, 0)
+    dtype = precision(len(nearest))
+    here = nearest.sorted[:, nearest.rank[rows]]
+    offsets = np.take(nearest.sorted, place, axis=1) - here[:, None]
     distance = np.sqrt((offsets * offsets).sum(axis=0))
     reach = np.where(distance[-1] > 0, distance[-1], 1)
-    offsets, distance = (
-        np.ascontiguousarray(a / reach, dtype=dtype) for a in (offsets, distance)
-    )
+    offsets, distance = ((a / reach).astype(dtype) for a in (offsets, distance))
     distance = np.maximum(distance, _LEAST_DISTANCE)
     nearness = np.exp(-((1.8 * distance / distance[-1]) ** 2))
     directions, mirrored = offsets / distance, None
