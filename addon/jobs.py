@@ -273,6 +273,8 @@ def write_estimate(job: Job, options: Options) -> None:
 def summary_of(job: Job) -> dict[str, Any]:
     """Return what is to be said about an estimate, in points of the object."""
     summary = job.estimate.summary()
+    # Which side a patch had before it was given one is no news to anyone.
+    summary.pop("turned", None)
     summary["normals"] = summary["valid"]
     if job.fans is not None:
         valid = int(job.valid.sum())

@@ -356,7 +356,7 @@ class TimeScaleSettings(EstimateOptions, CompareOptions, bpy.types.PropertyGroup
     normal_length: FloatProperty(
         name="Length",
         description="How long the lines are, in distances from one to the next",
-        default=1.5,
+        default=2.0,
         min=0.01,
         soft_max=10.0,
         update=_redraw,

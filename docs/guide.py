@@ -85,7 +85,7 @@ STEPS = (
     (
         "patch",
         EMPTY + "bpy.ops.timescale.add_samples(shape='bumpy', count=1500)\n"
-        "bpy.context.scene.cursor.location = (0, -1, 0.3)\n"
+        "bpy.context.scene.cursor.location = (0.8, -0.6, 0.4)\n"
         "bpy.ops.timescale.show_patch()\n"
         "bpy.context.object.hide_set(True)\n"
         "bpy.data.objects['Neighbors'].select_set(True)",
@@ -96,7 +96,7 @@ STEPS = (
 
 def take(window: app.Window, name: str) -> None:
     """Take a picture and make it small enough for a page."""
-    options = "-crop 1150x830+0+0 +repage -resize 900x -colors 200"
+    options = "-crop 1150x830+0+0 +repage -resize 900x -dither None -colors 256"
     path = window.picture(PICTURES / f"{name}.png", options)
     print(f"  {path.relative_to(ROOT)}")
 

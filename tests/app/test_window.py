@@ -294,7 +294,7 @@ def test_patch_is_shown(window, picture):
     add(
         window,
         "bpy.ops.timescale.add_samples(shape='bumpy', count=1500)\n"
-        "bpy.context.scene.cursor.location = (0, -1, 0.3)",
+        "bpy.context.scene.cursor.location = (0.8, -0.6, 0.4)",
     )
     window.press("timescale.show_patch")
     window.wait_for("'Patch' in bpy.data.objects")
