@@ -42,6 +42,10 @@ _TOO_NOISY = 0.1
 # of the reach; noise may differ by half from what one shake shows.
 _BIAS, _EXPLAINED = 2.0, 1.5
 
+# Candidates count by this power of their risks; the best alone is right less often than
+# the better ones together.
+_SHARPNESS, _LEAST_RISK = 3, 1e-10
+
 # Rounds of means over which evidence is gathered: for a choice between two patches of
 # a few rings, and for variances, of which a vertex alone knows little.
 _GATHERED, _GATHERED_VARIANCE = 4, 6
@@ -229,7 +233,7 @@ def _best_clean(mesh, averages, patches):
 
 
 def _best_smoothed(mesh, averages, sums, base, shake):
-    """Return the normals with the least risk of a noisy mesh, and who has smooth ones.
+    """Return the normals of a noisy mesh, and at which vertices they are smooth ones.
 
     Parameters
     ----------
@@ -247,36 +251,54 @@ def _best_smoothed(mesh, averages, sums, base, shake):
         [each.vertex_normals(base.weights) for each in (mesh, other)], axis=1
     ).astype(np.float32)
     still = squares(pair[:, 3:] - pair[:, :3])
-    best = _Best(base.normals, averages.means(still[:, None], _GATHERED_VARIANCE)[:, 0])
+    blend = _Blend(
+        base.normals, averages.means(still[:, None], _GATHERED_VARIANCE)[:, 0]
+    )
     by_area = _Run(averages, 1.0)
     by_area.risk(pair)
     plain, sharpened = _Run(averages, _BIAS**2), _Run(averages, _BIAS**2)
     both = np.concatenate([sums, _area_vectors(other)], axis=1)
     for rounds, means, sharper in ladder(averages, both):
         if rounds == 0:
-            best.offer(means, by_area.risk(means), smooth=False)
-        best.offer(means, plain.risk(means), smooth=True)
+            blend.add(means, by_area.risk(means), smooth=False)
+        blend.add(means, plain.risk(means), smooth=True)
         if sharper is not None:
-            best.offer(sharper, sharpened.risk(sharper), smooth=True)
-    return best.normals, best.smooth
+            blend.add(sharper, sharpened.risk(sharper), smooth=True)
+    return blend.normals, blend.smooth
 
 
-class _Best:
-    """The normals of least risk so far, and which of them are smooth ones."""
+class _Blend:
+    """The mean of fields of normals, those of less risk counting more."""
 
     def __init__(self, normals, risk):
-        self.normals = normals.copy()
-        self.smooth = np.zeros(len(normals), dtype=bool)
-        self._least = risk
+        weight = _weight(risk)
+        self._total = weight[:, None] * normals
+        self._weight = weight
+        self._smooth = np.zeros(len(normals))
 
-    def offer(self, pair, risk, *, smooth):
-        """Take the first field of a pair where its risk, (n,) or None, is less."""
+    def add(self, pair, risk, *, smooth):
+        """Take the first field of a pair in, with its risk, (n,) or None."""
         if risk is None:
             return
-        less = risk < self._least
-        self.normals[less] = pair[less, :3]
-        self.smooth[less] = smooth
-        self._least = np.where(less, risk, self._least)
+        weight = _weight(risk)
+        self._total += weight[:, None] * pair[:, :3]
+        self._weight += weight
+        if smooth:
+            self._smooth += weight
+
+    @property
+    def normals(self):
+        return unit(self._total)
+
+    @property
+    def smooth(self):
+        """(n,) bool, where means that reach beyond a vertex count for most."""
+        return 2 * self._smooth > self._weight
+
+
+def _weight(risk):
+    # Rounding of single precision is no evidence that there is no risk.
+    return np.maximum(risk, _LEAST_RISK).astype(np.float64) ** -_SHARPNESS
 
 
 class _Run:
