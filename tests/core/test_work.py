@@ -5,28 +5,39 @@ Milliseconds are measured by `make bench`; what a busy machine cannot change is 
 """
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from core import Settings, blocks, delaunay_normals, estimate_normals, shapes
+from core.blocks import Blocks
 
 FIXED = Settings(method="time_scale", neighbors=16, orientation="none", threads=1)
 
 
 @pytest.fixture
 def searches(monkeypatch):
-    """Count points searched for in kd-trees, and neighbors returned."""
-    counted = {"points": 0, "neighbors": 0}
+    """Count points searched for by themselves, and the neighbors asked for.
+
+    In kd-trees ("tree"), and among the blocks around a point ("each").
+    """
+    counted = {"tree": 0, "each": 0, "neighbors": 0}
 
     class Counting(cKDTree):
         def query(self, x, k=1, **options):
-            counted["points"] += len(x)
-            counted["neighbors"] += len(x) * k
+            counted["tree"] += len(x)
+            counted["neighbors"] += len(x) * int(np.max(k))
             return super().query(x, k=k, **options)
 
+    def search_each(blocks, places, count, plain=Blocks.search_each):
+        counted["each"] += len(places)
+        counted["neighbors"] += len(places) * count
+        return plain(blocks, places, count)
+
     monkeypatch.setattr("scipy.spatial.cKDTree", Counting)
+    monkeypatch.setattr(Blocks, "search_each", search_each)
     return counted
 
 
@@ -34,16 +45,19 @@ def surface(count):
     return shapes.BUMPY.sample(count, 1, even=False)[0]
 
 
-def test_few_points_are_searched_for_one_by_one(searches):
-    estimate_normals(surface(20_000), settings=FIXED)
-    assert searches["points"] < 0.1 * 20_000
+@pytest.mark.parametrize("count", [1000, 20_000])
+def test_few_points_are_searched_for_one_by_one(searches, count):
+    estimate_normals(surface(count), settings=replace(FIXED, sheets=False))
+    assert searches["tree"] == 0
+    assert searches["each"] < 0.02 * count
 
 
 def test_choosing_a_scale_asks_a_thousand_points(searches):
     points = surface(20_000)
     estimate_normals(points, settings=Settings(orientation="none", threads=1))
-    # Below a tenth are the few of the test above.
-    assert searches["points"] < 0.1 * 20_000 + 4 * 1100
+    assert searches["tree"] == 0
+    # The share of the test above, and neighbors looked up further out.
+    assert searches["each"] < 0.02 * 20_000 + 4 * 1100
 
 
 def test_a_small_cloud_is_not_asked_whole(searches):
@@ -53,18 +67,15 @@ def test_a_small_cloud_is_not_asked_whole(searches):
 
 def test_the_baseline_searches_as_little(searches):
     delaunay_normals(surface(20_000))
-    assert searches["points"] < 0.1 * 20_000
+    assert searches["tree"] == 0
+    assert searches["each"] < 0.02 * 20_000
 
 
 def test_where_blocks_are_of_no_use_every_point_is_searched_for_once(searches):
-    points = np.random.default_rng(0).normal(size=(5000, 3))
-    estimate_normals(
-        points,
-        settings=Settings(
-            method="time_scale", orientation="none", sheets=False, threads=1
-        ),
-    )
-    assert searches["points"] <= 5000 * 1.3
+    points = np.random.default_rng(0).normal(size=(6000, 3))
+    estimate_normals(points, settings=replace(FIXED, sheets=False))
+    assert searches["tree"] == 6000
+    assert searches["each"] == 0
 
 
 def test_memory_per_point_does_not_grow():
