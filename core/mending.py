@@ -12,7 +12,9 @@ from .tree import spread_signs
 # Neighbors are one smooth surface when the line between them leaves their mean tangent
 # plane, and their normals turn, by less than this.
 _SLOPE = 0.08
-_TURN = 0.94
+_TURN = 0.99
+# Slopes at which neighbors begin not to be heard.
+_SCALE = (0.005, 0.12)
 # A point is inside a smooth surface when this share of its neighbors is.
 _INSIDE = 0.65
 # Smooth surfaces of this many points speak with one voice, if the votes of their poles
@@ -109,7 +111,10 @@ def mend(
     common, settled = _parts(surface, signs, clarity)
     new = _spread(surface, common, settled, clarity, trust)
     clarity = np.where(new == signs, clarity, 0.1)
-    weight = np.exp(-((surface.slope / 0.12) ** 2)) * surface.cosine**2
+    # Where two sheets touch, the neighbors on a point's own are those of least slope.
+    least = np.partition(surface.slope, 1, axis=1)[:, 1:2]
+    scale = np.clip(2 * least, *_SCALE)
+    weight = np.exp(-((surface.slope / scale) ** 2)) * surface.cosine**2
     for _ in range(2):
         own = new * (0.05 + clarity)
         heard = (weight * np.sign(surface.cosine) * own[surface.index]).sum(axis=1)

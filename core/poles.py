@@ -30,10 +30,15 @@ _DEEP = 0.5
 # Share of the poles that may contradict one outside all around a closed surface.
 _CLOSED = 0.02
 
-# A surface is open when the border between inside and outside runs between spheres
-# that nearly agree and are this many spacings wide, as often as along a rim: its length
-# goes with the square root of the number of points.
+# Spheres this many spacings wide that meet do so in the open: in proportion to their
+# width, to a hundredth at most, the doubt is less. Without this one point that looks
+# through a hole between others would outweigh all that joins two rooms.
 _WIDE = 4.0
+_TRUST = 100.0
+
+# A surface is open when the border between inside and outside runs between spheres
+# that nearly agree and are as wide, as often as along a rim: its length goes with the
+# square root of the number of points.
 _OPEN = 0.3
 
 # Radius of the shell of points that stand for the outside, in units of the cloud's.
@@ -53,15 +58,18 @@ class PoleLabels:
         0 to 1: how clearly the two poles of each point say so.
     open : bool
         Whether the surface is so open that the outside reaches both of its sides.
+    cells : (t,) int8
+        +1 for tetrahedra of the `delaunay_complex` that are outside, -1 inside.
     """
 
     signs: IntArray
     clarity: FloatArray
     open: bool
+    cells: IntArray
 
 
 @dataclass(frozen=True)
-class _Complex:
+class Complex:
     """Delaunay tetrahedra with their neighbors and circumspheres.
 
     Attributes
@@ -103,28 +111,37 @@ def label_poles(
     -----
     Neighboring tetrahedra are joined as "same side", doubted by 1 - cos of the angle
     at which their circumspheres meet: spheres that share most of their inside lie on
-    one side. The two poles of a point are joined as "opposite sides", doubted by
-    1 + cos of the angle between them. Signs spread along the minimum spanning tree
-    from tetrahedra at a far shell around the points, which are outside.
+    one side, the more surely the wider they are. The two poles of a point are joined
+    as "opposite sides", doubted by 1 + cos of the angle between them. Signs spread
+    along the minimum spanning tree from tetrahedra at a far shell around the points,
+    which are outside.
     """
     n = len(points)
-    cells = _delaunay(points, spacing)
+    cells = delaunay_complex(points, spacing)
     if cells is None:
         return None
-    above, below, clarity = _poles(cells, points, normals)
+    above, below, clarity = find_poles(cells, points, normals)
     near, side, doubt = _meeting(cells)
     star = _stars(cells, near, side, doubt < _DEEP)
     both = np.flatnonzero((above >= 0) & (below >= 0))
     clarity[both[star[above[both]] == star[below[both]]]] = 0
     outer = np.flatnonzero((cells.corners >= n).any(axis=1))
     poles = np.stack([above, below], axis=1)[both] // 4
-    label = _labels(near, doubt, poles, clarity[both], outer, len(cells.corners))
+    wide = cells.radii[near].min(axis=1) / (_WIDE * np.median(spacing))
+    label = _labels(
+        near,
+        doubt / np.clip(wide, 1, _TRUST),
+        poles,
+        clarity[both],
+        outer,
+        len(cells.corners),
+    )
     up, down = label[above // 4], label[below // 4]
     signs = np.where(above >= 0, up, -down).astype(np.int8)
     clarity[(above < 0) | (below < 0) | (up == down)] = 0
     parted = (label[near[:, 0]] != label[near[:, 1]]) & (doubt < 0.1)
-    wide = cells.radii[near].min(axis=1) > _WIDE * np.median(spacing)
-    return PoleLabels(signs, clarity, bool((parted & wide).sum() > _OPEN * np.sqrt(n)))
+    is_open = bool((parted & (wide > 1)).sum() > _OPEN * np.sqrt(n))
+    return PoleLabels(signs, clarity, is_open, label)
 
 
 def _labels(near, doubt, poles, clarity, outer, count):
@@ -159,8 +176,11 @@ def _contradiction(label, poles, clarity):
     return (broken * clarity).sum() / max(clarity.sum(), 1e-300)
 
 
-def _delaunay(points, spacing):
-    """Return the Delaunay complex of points and the shell around them, or None."""
+def delaunay_complex(points: FloatArray, spacing: FloatArray) -> Complex | None:
+    """Return the Delaunay complex of points and the shell around them, or None.
+
+    See `label_poles`; corners from n on are those of the shell.
+    """
     from scipy.spatial import Delaunay, QhullError
 
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -174,7 +194,7 @@ def _delaunay(points, spacing):
         return None
     corners: IntArray = found.simplices
     centers, radii, sound = _circumspheres(seen, corners)
-    return _Complex(
+    return Complex(
         corners, found.neighbors, centers * size + middle, radii * size, sound
     )
 
@@ -210,8 +230,10 @@ def _circumspheres(points, corners):
     return origin + offset, np.linalg.norm(offset, axis=1), sound
 
 
-def _poles(cells, points, normals):
-    """Return the poles above and below each point, and their clarity.
+def find_poles(
+    cells: Complex, points: FloatArray, normals: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return the poles above and below each point, and their clarity, 3 x (n,).
 
     A pole is said as 4 x cell + the point's corner in it; -1 for none.
     Clarity is -cos of the angle between the poles, at least 0.
