@@ -68,6 +68,14 @@ bench-door: environment $(ZIP) ## time in and out of Blender's memory, into docs
 	@for venv in .venv/blender-*/; do \
 		$$venv/bin/python tests/benchmarks/door.py --zip $(ZIP) --write; done
 
+.PHONY: bench-accuracy train
+bench-accuracy: ## errors under noise and at creases next to peers, into docs/accuracy.md; OPTIONS=--no-peers
+	@PYTHONPATH=.ci $(PYTHON) tests/benchmarks/install.py
+	@PYTHONPATH=. .venv/bench/bin/python tests/benchmarks/accuracy.py --write $(OPTIONS)
+
+train: core-environment ## the weights of core/blend.npz anew, from shapes made on the spot
+	OPENBLAS_NUM_THREADS=1 $(CORE) tests/benchmarks/train.py $(OPTIONS)
+
 # Types are checked under the name of the package, whatever the checkout is called.
 lint: core-environment ## ruff and mypy
 	$(CORE) -m ruff check .

@@ -45,6 +45,8 @@ RESULTS = {
     "ts_normal": "FLOAT_VECTOR",
     "ts_valid": "BOOLEAN",
     "ts_side_confidence": "FLOAT",
+    "ts_confidence": "FLOAT",
+    "ts_scale": "FLOAT",
     "delaunay_normal": "FLOAT_VECTOR",
     "ts_error": "FLOAT",
     "delaunay_error": "FLOAT",

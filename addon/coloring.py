@@ -14,13 +14,13 @@ from .settings import Returned, measure_property
 BESIDE = {"error_estimate": "error_baseline", "angle_estimate": "angle_baseline"}
 # Shown of an object alone, it gives way to the measure of the estimate.
 _ALONE = {theirs: ours for ours, theirs in BESIDE.items()}
-# No measure of the core's comparison, but a property of the estimate.
-CONFIDENCE = "side_confidence"
+# No measures of the core's comparison, but properties of the estimate, 0 to 1.
+SURENESS = {"confidence": "ts_confidence", "side_confidence": "ts_side_confidence"}
 
 
 def possible(measure: str, comparison: core.Comparison) -> str:
     """Return the measure, or the difference where it needs true normals."""
-    if measure == CONFIDENCE or getattr(comparison, measure) is not None:
+    if measure in SURENESS or getattr(comparison, measure) is not None:
         return measure
     return "angle_deviation" if measure.startswith("angle_") else "deviation"
 
@@ -64,9 +64,9 @@ def on_scale(
     limit : float or None
         The value of the last color; None for one that fits.
     """
-    if measure != CONFIDENCE:
+    if measure not in SURENESS:
         return comparison, measure, limit or None
-    sure = bridge.read_attribute(obj, "ts_side_confidence", "FLOAT")
+    sure = bridge.read_attribute(obj, SURENESS[measure], "FLOAT")
     return core.Comparison(sure, sure), "deviation", limit or 1.0
 
 
@@ -133,7 +133,7 @@ def colors_of(measure: str, values: np.ndarray, limit: float) -> np.ndarray:
         pair = 1 - values, values
     else:
         pair = values, values
-    measure = "deviation" if measure == CONFIDENCE else measure
+    measure = "deviation" if measure in SURENESS else measure
     return core.Comparison(values, values, *pair, *pair).colors(measure, limit=limit)
 
 

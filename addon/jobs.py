@@ -255,8 +255,14 @@ def write_estimate(job: Job, options: Options) -> None:
         corners=job.corners,
     )
     # The first fans are those of the vertices.
-    sure = job.estimate.orientation_confidence[: len(job.valid)]
-    bridge.write_results(job.obj, {"ts_side_confidence": sure})
+    estimate, count = job.estimate, len(job.valid)
+    results = {
+        "ts_side_confidence": estimate.orientation_confidence,
+        "ts_confidence": estimate.confidence,
+        "ts_scale": estimate.scale,
+    }
+    results = {name: values[:count] for name, values in results.items()}
+    bridge.write_results(job.obj, results)
     summary = summary_of(job)
     bridge.write_summary(job.obj, {"estimate": summary})
     if summary["invalid"]:

@@ -34,7 +34,7 @@ class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):
     bl_description = (
         "Fit a patch around every point and derive its normal on time scales.\n"
         "Meshes get custom normals; meshes and point clouds get the attributes "
-        "ts_normal, ts_valid and ts_side_confidence.\n"
+        "ts_normal, ts_valid, ts_confidence, ts_scale and ts_side_confidence.\n"
         "Objects that share a mesh share the result, computed at the scale of the "
         "active one"
     )

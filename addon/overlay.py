@@ -176,7 +176,7 @@ def _ticks(
     if measure == "log_ratio":
         factor = f"{10**high:,.3g}x"
         return f"Delaunay {factor}", "equal", f"Estimate {factor}"
-    if measure == coloring.CONFIDENCE:
+    if measure in coloring.SURENESS:
         return "a guess", f"{high / 2:.2g}", "certain" if high == 1 else f"{high:.2g}"
     unit = "°" if measure.startswith("angle_") else ""
     last = f"{high:.3g}{unit}"

@@ -95,6 +95,11 @@ _MEASURES = {
         "Powers of ten between the two errors, neutral where they are equal",
     ),
     "wins": ("Winners", "Where the estimate is nearer to the true normal"),
+    "confidence": (
+        "Confidence",
+        "How far the estimate is to be trusted, from 0 to 1: half where ten degrees of "
+        "error are to be expected",
+    ),
     "side_confidence": (
         "Sureness of Sides",
         "How sure it is which side of the estimate faces out, from 0 to 1",

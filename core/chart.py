@@ -55,7 +55,7 @@ def principal_axes(
     # Few numbers a point from here on: double precision costs little and tells a
     # narrow neighborhood from a line.
     covariance = [c.astype(np.float64) for c in covariance]
-    n, middle, largest = _least_eigenvectors(*covariance)
+    n, middle, largest = least_eigenvectors(*covariance)
     u, v = _turned_between(*tangent_axes(n), *covariance)
     spans = (largest > 0) & (middle > _LINE * largest)
     return *(axis.astype(offsets.dtype) for axis in (u, v, n)), spans
@@ -81,7 +81,7 @@ def _turned_between(u, v, xx, xy, xz, yy, yz, zz):
     return cosine * u + sine * v, cosine * v - sine * u
 
 
-def _least_eigenvectors(xx, xy, xz, yy, yz, zz):
+def least_eigenvectors(xx, xy, xz, yy, yz, zz):
     """Solve symmetric 3 x 3 eigenproblems in closed form, array by array.
 
     Returns

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from .creases import parting_edges
 from .faces import fan_means, split_fans
-from .fitted import fit_all
+from .fields import from_patches
 from .guides import reference_normals
 from .inputs import (
     BoolArray,
@@ -21,14 +21,13 @@ from .inputs import (
     as_points,
     centered_parts,
 )
-from .meshes import MeshNormals, choose_normals, with_faces
-from .neighborhoods import Nearest, neighborhoods, neighborhoods_of_all, unique_points
+from .meshes import MeshNormals
+from .neighborhoods import Nearest, neighborhoods_of_all, unique_points
 from .orientation import Orientation, find_orientation, sides_of_mesh, with_disagreement
 from .patch import LEAST_NEIGHBORS, Patches
 from .settings import Settings
-from .sheets import separate, suspects
 from .surface import GridSurface
-from .threads import hold_memory, in_threads
+from .threads import hold_memory
 from .winding import (
     Winding,
     count_inconsistent,
@@ -63,6 +62,13 @@ class Estimate:
     noise : float
         What the residuals say about the noise of the points: a standard deviation,
         in object units, the median over all patches.
+    confidence : (n,) float64
+        How far each normal is to be trusted, 0 to 1: 1 / (1 + e^2 / 100), e being the
+        root mean square error expected of points like it, in degrees; of a mesh's
+        vertex how far its faces turn from the normal. Zero where not valid.
+    scale : (n,) float64
+        The reach of the patches that the normal is made from, in object units; of a
+        mesh's vertex the length of its longest edge.
     orientation : Orientation
         How the sides were found, and how sure they are.
     winding : Winding or None
@@ -76,6 +82,8 @@ class Estimate:
     from_faces: int = 0
     separated: int = 0
     noise: float = 0.0
+    confidence: FloatArray | None = None
+    scale: FloatArray | None = None
     orientation: Orientation | None = None
     winding: Winding | None = None
     mesh: MeshNormals | None = None
@@ -98,7 +106,8 @@ class Estimate:
     def patches(self, rows: ArrayLike) -> Patches:
         """Return the patches of some points, fitted again as they were.
 
-        Before points are told apart by sheets and faces have their say.
+        Before points are told apart by sheets, patches of other sizes are blended in
+        and faces have their say.
 
         Parameters
         ----------
@@ -241,6 +250,8 @@ def estimate_normals(
         normals=estimate.normals[inverse],
         valid=estimate.valid[inverse],
         condition=None if estimate.condition is None else estimate.condition[inverse],
+        confidence=estimate.confidence[inverse],
+        scale=estimate.scale[inverse],
         orientation=_of_places(estimate.orientation, inverse),
         settings=_as_asked(estimate, asked),
         _input=(points, None),
@@ -297,6 +308,8 @@ def _joined(parted, points, vertex, fans):
         normals=normals,
         valid=(normals != 0).any(axis=1),
         condition=None if parted.condition is None else parted.condition[:count],
+        confidence=parted.confidence[:count],
+        scale=parted.scale[:count],
         orientation=_of_places(parted.orientation, slice(count)),
         _fans=(parted.normals, fans),
         _input=(points[vertex], fans),
@@ -341,26 +354,11 @@ def _report_between(report, start, end, share):
 
 def _estimate(points, faces, settings, report, *, center=None):
     """Estimate and orient the normals of points that differ, less their center."""
-    source, settings = neighborhoods(points, faces, settings, center=center)
-
-    def fit():
-        return fit_all(source, partial(_report_between, report, _FOUND, _FITTED))
-
-    mesh, separated, condition = None, 0, None
-    if faces is not None and settings.method == "auto":
-        mesh = choose_normals(points, faces, fit)
-    else:
-        fitted = fit()
-        normals, valid, noise = fitted.normals, fitted.valid, fitted.noise
-        condition = fitted.condition
-        if settings.sheets and isinstance(source, Nearest):
-            normals, separated = _with_sheets(source, fitted)
-        if faces is not None:
-            mesh = with_faces(points, faces, fitted)
-    if mesh is not None:
-        normals, valid, noise = mesh.normals, mesh.valid, mesh.noise
+    progress = partial(_report_between, report, _FOUND, _FITTED)
+    found = from_patches(points, faces, settings, progress, center=center)
+    settings, mesh, normals = found.settings, found.mesh, found.field.normals
     report(_FITTED)
-    orientation = _sides(points, normals, faces, settings, source)
+    orientation = _sides(points, normals, faces, settings, found.source)
     report(1.0)
     if mesh is None:
         # Nobody else has these: no second copy of so many.
@@ -369,12 +367,14 @@ def _estimate(points, faces, settings, report, *, center=None):
         normals = normals * orientation.signs[:, None]
     return Estimate(
         normals,
-        valid,
+        found.valid,
         replace(settings, orientation=orientation.mode),
-        condition,
+        None if found.fitted is None else found.fitted.condition,
         0 if mesh is None else mesh.from_faces,
-        separated,
-        noise,
+        found.separated,
+        found.noise,
+        np.where(found.valid, found.field.confidence, 0.0),
+        found.field.scale.astype(np.float64),
         orientation,
         mesh=mesh,
     )
@@ -399,22 +399,6 @@ def _sides(points, normals, faces, settings, source):
         threads=settings.threads,
         nearest=source.nearest if isinstance(source, Nearest) else None,
     )
-
-
-def _with_sheets(source, fitted):
-    """Return normals made from each point's own sheet, and for how many."""
-    rows, noise = suspects(fitted.misfit, fitted.valid)
-    if not len(rows):
-        return fitted.normals, 0
-
-    def run(work, chunks):
-        for _ in in_threads(work, chunks, source.settings.threads):
-            pass
-
-    normals = separate(
-        source.nearest, fitted.normals, fitted.misfit, rows, noise, run=run
-    )
-    return normals, len(rows)
 
 
 def _check_spread(points, center):

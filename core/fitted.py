@@ -16,6 +16,7 @@ class Fitted:
     normals: FloatArray
     valid: BoolArray
     misfit: FloatArray
+    reach: FloatArray
     noise: float
     condition: FloatArray | None
 
@@ -26,7 +27,7 @@ def fit_all(source, report):
     chunks = source.chunks()
     n = source.count
     normals, valid = np.zeros((n, 3)), np.zeros(n, dtype=bool)
-    misfit, noise = (np.zeros(n, dtype=np.float32) for _ in range(2))
+    misfit, reach, noise = (np.zeros(n, dtype=np.float32) for _ in range(3))
     condition = np.full(n, np.inf) if source.paper else None
 
     def work(rows):
@@ -34,6 +35,7 @@ def fit_all(source, report):
         normals[rows] = patches.normals(weights=source.settings.weights)
         valid[rows] = patches.valid
         misfit[rows] = patches.misfit
+        reach[rows] = patches.reach
         noise[rows] = patches.noise
         if condition is not None:
             condition[rows] = patches.condition
@@ -42,4 +44,4 @@ def fit_all(source, report):
         report(done / len(chunks))
     known = noise[valid]
     middle = float(np.median(known, overwrite_input=True)) if len(known) else 0.0
-    return Fitted(normals, valid, misfit, middle, condition)
+    return Fitted(normals, valid, misfit, reach, middle, condition)

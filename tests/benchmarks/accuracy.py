@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-# ruff: noqa: T201 (a program: its output is the table)
-"""Unoriented errors under the six conditions of the PCPNet protocol.
+# ruff: noqa: T201 (a program: it says how far it is)
+"""Unoriented errors under the six conditions of the PCPNet protocol, beside peers.
 
-    python tests/benchmarks/accuracy.py CLOUD.npz [CLOUD.npz ...]
+    python tests/benchmarks/accuracy.py [--clouds NAME ...] [--write] [CLOUD.npz ...]
 
-Each file holds `points` and `normals` (n, 3). The conditions (Guerrero et al. 2018) are
-Gaussian noise of 0, 0.125, 0.6 and 1.2 per cent of the diagonal of the bounding box,
-and two uneven densities; the truth is the normal of the point before noise. Prints the
-root mean square angle in degrees of each method, as a table for docs/accuracy.md.
+The conditions (Guerrero et al. 2018) are Gaussian noise of 0, 0.125, 0.6 and 1.2 per
+cent of the diagonal of the bounding box, and two uneven densities; 100,000 points;
+the truth is the normal of the face that a point lies on, before noise. A file holds
+`points` and `normals` (n, 3). Results of each cloud go to out/accuracy/CLOUD.json;
+--write puts the tables and pictures of all of them into docs/accuracy.md, --only-write
+measures nothing before.
 """
 
 import argparse
+import importlib.util
+import json
 import sys
 import time
 from pathlib import Path
@@ -19,13 +23,29 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from core import Settings, compare_normals, estimate_normals
-from core.chart import principal_axes
-from core.graph import NearestNeighbors
+import clouds
+import peers
+import training
 
+from core import Settings, estimate_normals
+from core.neighborhoods import neighborhoods
+from core.scale import CANDIDATES
+
+ROOT = Path(__file__).resolve().parents[2]
+OUT = ROOT / "out" / "accuracy"
 NOISE = {"none": 0.0, "low": 0.00125, "medium": 0.006, "high": 0.012}
-PLANES = (18, 112, 450)
-CHUNK = 4096
+NAMES = (*NOISE, "stripes", "gradient")
+COUNT = 100_000
+
+# Neighbors of the peers, as published comparisons have them.
+NEIGHBORS = (18, 112, 450)
+
+# Points at which every fixed size of ours is tried.
+TRIED = 5000
+
+# Shapes of training.py that no net was trained on.
+HELD_OUT = {"solids": 1004, "blob": 1003}
+MESHES = ("rocker-arm", "spot", "suzanne")
 
 
 def conditions(points, normals):
@@ -43,62 +63,120 @@ def conditions(points, normals):
         yield name, points[kept], normals[kept]
 
 
-def planes(points, count):
-    """Return the normals of planes through `count` nearest points, (n, 3)."""
-    nearest = NearestNeighbors(points - points.mean(axis=0))
-    normals = np.empty(points.shape)
-    for start in range(0, len(points), CHUNK):
-        rows = nearest.order[start : start + CHUNK]
-        index, _ = nearest.neighbors(rows, count)
-        offsets = nearest.points[index] - nearest.points[rows][:, None]
-        offsets = np.ascontiguousarray(offsets.transpose(2, 1, 0))
-        normals[rows] = principal_axes(offsets, np.full(len(rows), count))[2].T
-    return normals
+def load(name):
+    """Return points and unit normals of a cloud by name or file; None without data."""
+    if name in HELD_OUT:
+        draw = training.shape(HELD_OUT[name])
+        return draw(COUNT, np.random.default_rng(HELD_OUT[name]))
+    if name in MESHES:
+        return clouds.mesh(name, COUNT)
+    if name.endswith(".npz"):
+        with np.load(name) as data:
+            loaded = data["points"].astype(float), data["normals"].astype(float)
+    else:
+        loaded = clouds.file(name)
+    if loaded is None:
+        return None
+    points, normals = loaded
+    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def methods():
-    """Return name and function from points to normals of every method."""
-    found = {"auto": lambda p: estimated(p, Settings(orientation="none"))}
-    for count in (16, 112):
-        settings = Settings(method="time_scale", neighbors=count, orientation="none")
-        found[f"time_scale, {count}"] = lambda p, s=settings: estimated(p, s)
-    for count in PLANES:
-        found[f"plane, {count}"] = lambda p, k=count: planes(p, k)
-    return found
+def squared_angle(normals, truth):
+    """Return squared angles in degrees, whatever the sides."""
+    cosine = np.abs((normals * truth).sum(axis=1)).clip(0, 1)
+    return np.degrees(np.arccos(cosine)) ** 2
 
 
-def estimated(points, settings):
-    return estimate_normals(points, settings=settings).normals
+def measured(points, truth, with_peers):
+    """Return the error of every method, degrees, and what else there is to tell."""
+    start = time.process_time()
+    estimate = estimate_normals(points, settings=Settings(orientation="none"))
+    seconds = time.process_time() - start
+    square = squared_angle(estimate.normals, truth)
+    least = np.argsort(estimate.confidence, kind="stable")[: len(points) // 10]
+    errors = {"ours, auto": float(np.sqrt(square.mean()))}
+    errors |= _fixed(points, truth)
+    if with_peers:
+        errors |= _peers(points, truth)
+    return {
+        "errors": errors,
+        "least": float(square[least].sum() / square.sum()),
+        "seconds": seconds,
+        "invalid": int((~estimate.valid).sum()),
+    }
+
+
+def _fixed(points, truth):
+    """Return the errors of our patches of one size, at some of the points."""
+    rows = np.random.default_rng(0).choice(len(points), TRIED, replace=False)
+    centered = points - points.mean(axis=0)
+    errors = {}
+    for patch, (_, _, steps) in CANDIDATES.items():
+        for count in steps:
+            settings = Settings(method="time_scale", neighbors=count, patch=patch)
+            source, _ = neighborhoods(centered, None, settings)
+            parts = np.split(rows, range(500, TRIED, 500))
+            normals = np.concatenate([source.fit(part).normals() for part in parts])
+            square = squared_angle(normals, truth[rows])
+            errors[f"ours, {patch} {count}"] = float(np.sqrt(square.mean()))
+    return errors
+
+
+def _peers(points, truth):
+    """Return the errors of what is installed."""
+    errors = {}
+    for name in ("Open3D", "CGAL jet"):
+        module, prepare = peers.METHODS[name]
+        if importlib.util.find_spec(module) is None:
+            continue
+        for count in NEIGHBORS:
+            normals = prepare(points, count)()
+            normals = normals() if callable(normals) else normals
+            square = squared_angle(np.asarray(normals), truth)
+            label = "PCA (Open3D)" if name == "Open3D" else "jets (CGAL)"
+            errors[f"{label}, {count}"] = float(np.sqrt(square.mean()))
+    return errors
 
 
 def main():
-    """Print the table."""
+    """Measure cloud by cloud, then write what there is."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("clouds", type=Path, nargs="+")
-    heads = [*NOISE, "stripes", "gradient", "mean", "seconds"]
-    print("| cloud | method |", " | ".join(heads), "|")
-    print("|---|---|" + "---|" * len(heads))
-    for path in parser.parse_args().clouds:
-        data = np.load(path)
-        truth = data["normals"]
-        truth = truth / np.linalg.norm(truth, axis=1, keepdims=True)
-        cases = list(conditions(data["points"], truth))
-        for name, method in methods().items():
-            start = time.perf_counter()
-            errors = [
-                compare_normals(method(points), normals).summary()[
-                    "angle_deviation_rms"
-                ]
-                for _, points, normals in cases
-            ]
-            seconds = time.perf_counter() - start
-            cells = [*errors, np.mean(errors), seconds]
-            print(
-                f"| {path.stem} | {name} |",
-                " | ".join(f"{cell:.2f}" for cell in cells),
-                "|",
-                flush=True,
-            )
+    parser.add_argument("files", nargs="*")
+    default = ["bunny100k", "fandisk100k", *MESHES, *HELD_OUT]
+    parser.add_argument("--clouds", nargs="*", default=default)
+    parser.add_argument("--no-peers", action="store_true")
+    parser.add_argument("--write", action="store_true", help="docs/accuracy.md")
+    parser.add_argument("--only-write", action="store_true")
+    options = parser.parse_args()
+    OUT.mkdir(parents=True, exist_ok=True)
+    names = [] if options.only_write else options.files or options.clouds
+    for name in names:
+        loaded = load(name)
+        if loaded is None:
+            print(f"{name}: not in {clouds.DATA}, left out")
+            continue
+        found = {}
+        for condition, points, truth in conditions(*loaded):
+            found[condition] = measured(points, truth, not options.no_peers)
+            _say(name, condition, found[condition])
+        path = OUT / f"{Path(name).stem}.json"
+        path.write_text(json.dumps(found, indent=1))
+    if options.write or options.only_write:
+        import accuracy_report
+
+        accuracy_report.write(OUT)
+
+
+def _say(name, condition, found):
+    errors = found["errors"]
+    ours = errors["ours, auto"]
+    fixed = {k: v for k, v in errors.items() if k.startswith(("ours, b", "ours, c"))}
+    best = min(fixed, key=fixed.get)
+    print(
+        f"{name} {condition}: auto {ours:.2f}, {best} {fixed[best]:.2f}, least tenth "
+        f"{found['least']:.2f}, {found['seconds']:.1f} s",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

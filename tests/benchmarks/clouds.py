@@ -61,3 +61,32 @@ def _las(path):
     record = np.dtype({"names": ["xyz"], "formats": ["(3,)<i4"], "itemsize": size})
     steps = np.frombuffer(raw, record, count, start)["xyz"]
     return steps * scale + offset
+
+
+def mesh(name, count):
+    """Return points drawn from a mesh evenly by area, and the normals of its faces.
+
+    None when the file is absent.
+    """
+    import training
+
+    found = vertices_and_faces(name)
+    if found is None:
+        return None
+    return training.sample_mesh(*found, count, np.random.default_rng(3))
+
+
+def vertices_and_faces(name):
+    """Return the vertices and triangles of an OBJ file; None when it is absent."""
+    path = DATA / "mesh" / f"{name}.obj"
+    if not path.exists():
+        return None
+    rows = [line.split() for line in path.read_text().splitlines()]
+    vertices = np.array([row[1:4] for row in rows if row[:1] == ["v"]], dtype=float)
+    faces = []
+    for row in rows:
+        if row[:1] == ["f"]:
+            corners = [int(corner.split("/")[0]) - 1 for corner in row[1:]]
+            fans = range(1, len(corners) - 1)
+            faces += [[corners[0], corners[i], corners[i + 1]] for i in fans]
+    return vertices, np.array(faces)

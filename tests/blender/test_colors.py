@@ -108,6 +108,16 @@ def test_sureness_of_sides_is_colored_from_a_guess_to_certain():
     assert len(legend.heights) == 40
 
 
+def test_confidence_is_colored_from_a_guess_to_certain():
+    obj = scenes.new_cloud(scenes.ball())
+    compare(color_by="confidence")
+    sure, scale = (scenes.get(obj, name) for name in ("ts_confidence", "ts_scale"))
+    assert ((sure > 0.5) & (sure <= 1)).all()
+    assert (scale > 0).all()
+    expected = core.Comparison(sure, sure).colors("deviation", limit=1.0)
+    np.testing.assert_allclose(scenes.get(obj, "ts_error_color"), expected, atol=1e-4)
+
+
 def test_settings_of_the_scene_recolor_at_once():
     obj = with_truth(scenes.sphere())
     compare(truth="true_normal")

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The normals that patches give at all points, by the method that is asked for."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .blend import (
+    NOISY_FROM,
+    Field,
+    error_of_misfit,
+    estimate_noisy,
+    is_enough,
+    refine_exact,
+    unsettled,
+)
+from .coarse import noise_in_spacings
+from .faces import Triangles
+from .fitted import Fitted, fit_all
+from .inputs import BoolArray, FloatArray, IntArray
+from .meshes import MeshNormals, choose_normals, with_faces
+from .neighborhoods import Nearest, Rings, neighborhoods
+from .settings import Settings
+from .sheets import separate, suspects
+from .threads import in_threads
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the patches give, before faces and sides: see Estimate.
+
+    Attributes
+    ----------
+    fitted : Fitted or None
+        Patches of one size; None where noise had patches of many blended at once.
+    mesh : MeshNormals or None
+        Where there are faces.
+    source : Nearest or Rings
+        Where the neighbors were looked up.
+    """
+
+    field: Field
+    valid: BoolArray
+    settings: Settings
+    source: Nearest | Rings
+    noise: float
+    separated: int = 0
+    fitted: Fitted | None = None
+    mesh: MeshNormals | None = None
+
+
+def from_patches(
+    points: FloatArray,
+    faces: IntArray | None,
+    asked: Settings,
+    report: Callable[[float], object],
+    *,
+    center: FloatArray | None = None,
+) -> Found:
+    """Return the normals of points that differ, less their center."""
+    source, settings = neighborhoods(points, faces, asked, center=center)
+    if faces is not None:
+        return _of_mesh(points, faces, source, settings, report)
+    if not (isinstance(source, Nearest) and _is_automatic(asked, len(points))):
+        fitted = fit_all(source, report)
+        field, separated = base_field(source, fitted)
+        valid, noise = fitted.valid, fitted.noise
+        return Found(field, valid, settings, source, noise, separated, fitted)
+    nearest, run = source.nearest, _runner(settings, report)
+    level, noise = noise_in_spacings(nearest)
+    if level >= NOISY_FROM:
+        field = estimate_noisy(nearest, level, noise, run)
+        valid = (field.normals != 0).any(axis=1)
+        return Found(field, valid, settings, source, noise)
+    fitted = fit_all(source, report)
+    field, separated = base_field(source, fitted)
+    rows = unsettled(fitted.misfit, fitted.valid)
+    field = refine_exact(nearest, field, fitted.misfit, rows, run)
+    valid, noise = fitted.valid, fitted.noise
+    return Found(field, valid, settings, source, noise, separated, fitted)
+
+
+def _of_mesh(points, faces, source, settings, report):
+    """Return what the patches and faces of a mesh give."""
+    if settings.method == "auto":
+        fitted = None
+        mesh = choose_normals(points, faces, lambda: fit_all(source, report))
+    else:
+        fitted = fit_all(source, report)
+        mesh = with_faces(points, faces, fitted)
+    triangles = Triangles(points, faces)
+    turned = triangles.fan_width(mesh.normals)
+    field = Field(mesh.normals, error_of_misfit(turned), _longest_edges(points, faces))
+    return Found(field, mesh.valid, settings, source, mesh.noise, 0, fitted, mesh)
+
+
+def _longest_edges(points, faces):
+    """Return the length of the longest edge at each vertex, (n,)."""
+    longest = np.zeros(len(points), dtype=np.float32)
+    for pair in ([0, 1], [1, 2], [2, 0]):
+        ends = faces[:, pair]
+        length = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+        for end in ends.T:
+            np.maximum.at(longest, end, length.astype(np.float32))
+    return longest
+
+
+def _is_automatic(asked, count):
+    """Whether size and kind of the patches are left to the data, point by point."""
+    return (
+        asked.method == "auto"
+        and asked.neighbors is None
+        and asked.patch == "auto"
+        and asked.radius is None
+        and asked.weights == "second_order"
+        and is_enough(count)
+    )
+
+
+def base_field(source: Nearest | Rings, fitted: Fitted) -> tuple[Field, int]:
+    """Return the Field of patches of one size, and how many points were told apart."""
+    normals, separated = fitted.normals, 0
+    if source.settings.sheets and isinstance(source, Nearest):
+        normals, separated = _with_sheets(source, fitted)
+    return Field(normals, error_of_misfit(fitted.misfit), fitted.reach), separated
+
+
+def _with_sheets(source, fitted):
+    """Return normals made from each point's own sheet, and for how many."""
+    rows, noise = suspects(fitted.misfit, fitted.valid)
+    if not len(rows):
+        return fitted.normals, 0
+    run = _runner(source.settings, lambda _share: None)
+    normals = separate(
+        source.nearest, fitted.normals, fitted.misfit, rows, noise, run=run
+    )
+    return normals, len(rows)
+
+
+def _runner(settings, report):
+    """Return a function that calls work(chunk) for all chunks, in threads."""
+
+    def run(work, chunks):
+        for done in in_threads(work, chunks, settings.threads):
+            report(done / len(chunks))
+
+    return run
