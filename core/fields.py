@@ -21,6 +21,7 @@ from .fitted import Fitted, fit_all
 from .inputs import BoolArray, FloatArray, IntArray
 from .meshes import MeshNormals, choose_normals, with_faces
 from .neighborhoods import Nearest, Rings, neighborhoods
+from .scale import NARROWEST
 from .settings import Settings
 from .sheets import separate, suspects
 from .threads import in_threads
@@ -69,7 +70,9 @@ def from_patches(
         return Found(field, valid, settings, source, noise, separated, fitted)
     nearest, run = source.nearest, _runner(settings, report)
     level, noise = noise_in_spacings(nearest)
-    if level >= NOISY_FROM:
+    # Where the points are few the surface bends as noise does; there, however, the
+    # narrowest patches of all are the best.
+    if level >= NOISY_FROM and settings.neighbors > NARROWEST:
         field = estimate_noisy(nearest, level, noise, run)
         valid = (field.normals != 0).any(axis=1)
         return Found(field, valid, settings, source, noise)

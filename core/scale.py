@@ -15,7 +15,8 @@ CANDIDATES = {
     "cubic": (CUBIC, 3, (16, 24, 36, 54, 81, 122, 182)),
     "biquadratic": (BIQUADRATIC, 2, (24, 36, 54, 81, 122, 182, 273, 410, 615)),
 }
-_DEFAULT = ("cubic", 16)
+NARROWEST = 16
+_DEFAULT = ("cubic", NARROWEST)
 
 # Points that are asked: enough for a mean square within a few per cent. Of a small
 # cloud a quarter is, and for at most as many neighbors.
