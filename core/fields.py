@@ -72,7 +72,8 @@ def from_patches(
     level, noise = noise_in_spacings(nearest)
     # Where the points are few the surface bends as noise does; there, however, the
     # narrowest patches of all are the best.
-    if level >= NOISY_FROM and settings.neighbors > NARROWEST:
+    wide = (settings.neighbors or 0) > NARROWEST
+    if level >= NOISY_FROM and wide:
         field = estimate_noisy(nearest, level, noise, run)
         valid = (field.normals != 0).any(axis=1)
         return Found(field, valid, settings, source, noise)
