@@ -228,7 +228,17 @@ def main():
     options = parser.parse_args()
     made = [*solids.smooth_solids(), *solids.creased_solids()]
     results = measure([case for solid in made for case in damage.cases_of(solid)])
-    parts = [summary(results), ratio_table(results), method_table(results)]
+    unseen = measure(
+        [case for solid in solids.unseen_solids() for case in damage.cases_of(solid)]
+    )
+    parts = [
+        summary(results),
+        ratio_table(results),
+        "Shapes on which no threshold was set: " + summary(unseen),
+        ratio_table(unseen),
+        "Mean errors in degrees over the ten shapes:",
+        method_table(results),
+    ]
     if options.files:
         files = [
             case

@@ -110,6 +110,17 @@ def creased_solids():
     yield revolved("spool", _spool(), 72, 0.08)
 
 
+def unseen_solids():
+    """Yield smooth solids on which no threshold was set."""
+    yield _ellipsoid(np.array([1.6, 1.0, 0.45]))
+    yield _radial(
+        "wavy",
+        9000,
+        lambda d: 1 + 0.03 * np.sin(14 * d[:, 0]) * np.sin(14 * d[:, 1] + 1),
+    )
+    yield _terrain()
+
+
 # Smooth solids
 
 
@@ -160,6 +171,40 @@ def _torus(count=5000, big=1.0, small=0.35):
     side = (face_vectors(points, faces) * truth).sum(axis=1)
     turned = np.where((side < 0)[:, None], faces[:, ::-1], faces)
     return _of_field("torus", points, turned, field)
+
+
+def _ellipsoid(axes):
+    """Return a ball stretched along its axes."""
+    ball = _radial("ball", 4000, lambda d: np.ones(len(d)))
+
+    def field(p):
+        return np.linalg.norm(p / axes, axis=1) - 1
+
+    return _of_field("ellipsoid", ball.points * axes, ball.faces, field)
+
+
+def _terrain(rows=70):
+    """Return an open height field over a grid that is a little uneven."""
+    rng = np.random.default_rng(4)
+    axis = np.linspace(-3, 3, rows)
+    grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    grid += rng.uniform(-0.02, 0.02, grid.shape)
+
+    def normals(p):
+        x, y = p[:, 0], p[:, 1]
+        ridge = np.cos(3 * x + y)
+        along_x = 0.68 * np.cos(1.7 * x) * np.cos(1.3 * y) + 0.45 * ridge
+        along_y = -0.52 * np.sin(1.7 * x) * np.sin(1.3 * y) + 0.15 * ridge
+        return unit(np.stack([-along_x, -along_y, np.ones_like(x)], axis=1))
+
+    x, y = grid.T
+    height = 0.4 * np.sin(1.7 * x) * np.cos(1.3 * y) + 0.15 * np.sin(3 * x + y)
+    number = np.arange(rows**2).reshape(rows, rows)
+    square = [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]
+    faces = _cut(np.stack(square, axis=-1).reshape(-1, 4))[0]
+    piece = np.zeros(len(faces), dtype=int)
+    points = np.column_stack([grid, height])
+    return Solid("terrain", points, faces, piece, [normals])
 
 
 def _blobs(p):
