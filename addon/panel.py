@@ -31,6 +31,7 @@ ESTIMATE_ROWS = (
     ("parted", "Normals"),
     ("invalid", "Without Normal"),
     ("from_faces", "From Faces"),
+    ("smoothed", "Averaged"),
     ("neighbors", "Neighbors"),
     ("patch", "Patch"),
     ("noise_percent", "Noise"),
@@ -202,7 +203,8 @@ def result_rows(summary: dict) -> list[tuple[str, ...]]:
     for key in {"uncertain", "disagreeing"} & shown.keys():
         # Less than a tenth of a per cent is as good as nothing.
         shown[f"{key}_percent"] = round(100 * shown[key], 1)
-    if 2 * shown.get("from_faces", 0) > shown["points"]:
+    of_faces = 2 * shown.get("from_faces", 0) > shown["points"]
+    if of_faces and shown.get("mesh") != "noisy":
         # Patches that were not taken say little about the points.
         shown["noise_percent"] = None
     if shown.get("normals", 0) > shown["valid"]:

@@ -60,8 +60,8 @@ class Estimate:
     separated : int
         Points whose neighbors were told apart because they lie on several sheets.
     noise : float
-        What the residuals say about the noise of the points: a standard deviation,
-        in object units, the median over all patches.
+        Of the points, a standard deviation in object units: what the residuals say,
+        the median over all patches; of a mesh by method "auto" what it shows itself.
     confidence : (n,) float64
         How far each normal is to be trusted, 0 to 1: 1 / (1 + e^2 / 100), e being the
         root mean square error expected of points like it, in degrees; of a mesh's

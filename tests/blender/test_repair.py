@@ -168,3 +168,13 @@ def test_points_alone_are_refused():
     scenes.new_cloud(scenes.ball(100))
     with pytest.raises(RuntimeError, match="no faces to repair"):
         run()
+
+
+def test_the_panel_says_how_noisy_a_mesh_is():
+    from bl_ext.user_default.timescale_normals.addon import bridge, panel
+
+    obj, _ = noisy_sphere()
+    run()
+    rows = dict(panel.result_rows(bridge.read_summary(obj)["estimate"]))
+    assert rows["Averaged"] == rows["From Faces"] == "2,562"
+    assert rows["Noise"].endswith(" %")
