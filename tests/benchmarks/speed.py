@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Time, memory and error of ours against every peer that is installed.
 
-    speed.py [--rounds 3] [--large] [--only NAME ...] [--write]
+    speed.py [--rounds 3] [--large] [--only METHOD ...] [--on CLOUD ...] [--write]
 
 Every run is a process of its own, and methods take turns within a round, so that a
 busy machine slows all of them alike; medians over the rounds are compared. Ratios
@@ -45,6 +45,8 @@ def main():
     results = {}
     with tempfile.TemporaryDirectory() as folder:
         for cloud, load in _inputs(options.large):
+            if options.on and cloud not in options.on:
+                continue
             path = _stored(folder, load)
             if path is None:
                 _say(f"skipped {cloud}: not in {clouds.DATA}")
@@ -67,6 +69,7 @@ def _options():
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--large", action="store_true", help="10M points as well")
     parser.add_argument("--only", nargs="+", choices=peers.METHODS)
+    parser.add_argument("--on", nargs="+", help='some clouds: "1M random", bunny100k')
     parser.add_argument("--write", action="store_true", help="docs/performance.md")
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
