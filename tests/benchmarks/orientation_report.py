@@ -10,6 +10,8 @@ import platform
 import time
 
 import numpy as np
+import orienters
+import stress
 from report import replace_part
 
 # Shown in the picture: slices across the second axis, this thick.
@@ -21,7 +23,11 @@ _TIMED = 50_000
 
 def write(docs, found, store, limit):
     """Write the part "sides" of docs/accuracy.md and its picture."""
-    methods = list(dict.fromkeys(m for case in found.values() for m in case["runs"]))
+    ran = {method for case in found.values() for method in case["runs"]}
+    methods = [method for method in orienters.METHODS if method in ran]
+    # Meshes are named here, not read.
+    order = [name for name, _, _ in stress.cases(docs)]
+    found = {name: found[name] for name in order if name in found}
     about = (
         f"{time.strftime('%Y-%m-%d')}, {platform.machine()}, {os.cpu_count()} cores, "
         f"Python {platform.python_version()}. A run is stopped after {limit} seconds "

@@ -220,6 +220,39 @@ def test_sides_do_not_depend_on_the_order():
     np.testing.assert_allclose(second.confidence, first.confidence[order], atol=1e-12)
 
 
+def test_sides_do_not_depend_on_the_threads():
+    # More points than representatives, and noise: every search is in it.
+    points, normals, _ = shapes.BUMPY.sample(8000, 3, even=False)
+    points, normals = shapes.add_noise(points, 0.005, 1), scrambled(normals)
+    one, all_cores = (
+        find_sides(points, normals, most=3000, workers=workers) for workers in (1, -1)
+    )
+    np.testing.assert_array_equal(one.signs, all_cores.signs)
+    np.testing.assert_array_equal(one.confidence, all_cores.confidence)
+    np.testing.assert_array_equal(one.piece, all_cores.piece)
+
+
+def test_sides_do_not_depend_on_those_that_came_in():
+    points, normals = bowl(4000, 1.5)
+    for seed in range(3):
+        assert wrong_share(points, normals, scrambled(normals, seed)) == 0
+
+
+def test_points_that_share_a_place():
+    points, normals, _ = shapes.BUMPY.sample(2000, 1)
+    order = np.random.default_rng(0).permutation(10_000) % 2000
+    assert wrong_share(points[order], normals[order]) == 0
+
+
+def test_a_sphere_by_latitude_and_longitude():
+    # All on one sphere, rows of them on one circle, crowded at the ends.
+    t, s = np.meshgrid((np.arange(60) + 0.5) * np.pi / 60, np.arange(120) * np.pi / 60)
+    flat = np.sin(t)
+    normals = np.stack([flat * np.cos(s), flat * np.sin(s), np.cos(t)], axis=-1)
+    normals = normals.reshape(-1, 3)
+    assert wrong_share(normals.copy(), normals) == 0
+
+
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 @pytest.mark.parametrize("offset", [0.0, 1e6])
 def test_sides_turn_and_move_with_the_points(scale, offset):
