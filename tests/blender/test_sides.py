@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Normals that are there turn to the right side, and are otherwise left alone."""
 
+import json
+
 import bmesh
 import bpy
 import numpy as np
 import pytest
 import scenes
+from bl_ext.user_default.timescale_normals.addon import panel
 
 # The worst of sixteen bits in tangent space, in degrees.
 SIXTEEN_BITS = 0.81
@@ -177,6 +180,22 @@ def test_the_report_follows():
     assert '"orientation": "poles"' in record and '"pieces": 1' in record
     # The poles of so few points leave some doubt.
     assert 0 < scenes.get(obj, "ts_side_confidence").min() < 1
+
+
+def test_the_panel_says_where_faces_disagree():
+    obj = scenes.sphere(3)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="DESELECT")
+    mesh = bmesh.from_edit_mesh(obj.data)
+    mesh.faces.ensure_lookup_table()
+    mesh.faces[5].select = True
+    bpy.ops.mesh.flip_normals()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    estimate()
+    summary = json.loads(obj.data.timescale_normals.summary)["estimate"]
+    # The three sides of the one that was turned over.
+    assert ("Faces Disagree", "3") in panel.result_rows(summary)
+    assert "wind against" in summary["warnings"][0]
 
 
 def test_what_is_missing_is_said():
