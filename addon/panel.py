@@ -207,6 +207,8 @@ def result_rows(summary: dict) -> list[tuple[str, ...]]:
     if of_faces and shown.get("mesh") != "noisy":
         # Patches that were not taken say little about the points.
         shown["noise_percent"] = None
+    if shown.get("from_faces", 0) >= shown.get("normals", shown["points"]):
+        shown["neighbors"] = shown["patch"] = None
     if shown.get("normals", 0) > shown["valid"]:
         shown["parted"] = shown["normals"]
     return [

@@ -153,6 +153,10 @@ def test_noise_is_left_out_where_faces_gave_the_normals():
     summary = {"points": 9, "valid": 9, "noise_percent": 0.25}
     assert dict(panel.result_rows(summary))["Noise"] == "0.25 %"
     assert "Noise" not in dict(panel.result_rows({**summary, "from_faces": 5}))
+    patches = {"points": 9, "valid": 9, "neighbors": 16, "patch": "cubic"}
+    assert dict(panel.result_rows({**patches, "from_faces": 8}))["Neighbors"] == "16"
+    all_faces = dict(panel.result_rows({**patches, "from_faces": 9}))
+    assert not {"Neighbors", "Patch"} & set(all_faces)
 
 
 def test_rows_of_a_split_mesh_have_points_and_normals():
