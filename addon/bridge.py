@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The one door to Blender's memory: objects to arrays, arrays to attributes.
 
-Behind it are `arrays`, the hinge, and `custom_normals`, which nobody else uses.
+Behind it are `arrays`, the hinge, `custom_normals` and `polygons`, which nobody else
+uses; `geometry` is what it hands out, `making` what it makes anew.
 
 Results are attributes under the names in RESULTS and, on meshes with faces, custom
 normals. What was there under these names before is kept on the data itself, renamed,
@@ -13,7 +14,7 @@ import json
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar, cast
 
@@ -36,6 +37,10 @@ from .arrays import (
     Kind,
     ObjectError,
 )
+from .geometry import Corners as Corners
+from .geometry import Geometry as Geometry
+from .geometry import Surface as Surface
+from .geometry import times
 
 TYPES = {"MESH": "mesh", "POINTCLOUD": "point cloud"}
 
@@ -94,117 +99,6 @@ _DEFORMERS = frozenset(
 )
 
 Item = TypeVar("Item")
-
-
-@dataclass(frozen=True)
-class Geometry:
-    """The shape of an object as it stands in the world.
-
-    Attributes
-    ----------
-    points : (n, 3) float64
-    faces : (m, 3) int32 or None
-        Triangles, counterclockwise seen from their front, mirrored objects too.
-    matrix : (3, 3) float64
-        From the object's axes to the world's.
-    """
-
-    points: Array
-    faces: Array | None
-    matrix: Array
-
-    def nearest(self, place: Any) -> int:
-        """Return which point is nearest to a place of the world."""
-        return int(np.square(self.points - np.asarray(place)).sum(axis=1).argmin())
-
-    def first_along(self, start: Any, direction: Any) -> int:
-        """Return the point that a ray from a place of the world meets first.
-
-        Of those about as near to the ray as the nearest, the one in front.
-        """
-        way = unit(np.asarray(direction, dtype=np.float64))
-        offset = self.points - np.asarray(start)
-        ahead = offset @ way
-        beside = np.linalg.norm(offset - ahead[:, None] * way, axis=1)
-        beside[ahead <= 0] = np.inf
-        # A hundredth of the size is about what a pointer covers.
-        near = beside <= beside.min() + 0.01 * np.ptp(self.points, axis=0).max()
-        return int(np.where(near & (ahead > 0), ahead, np.inf).argmin())
-
-    def to_object(self, normals: Array) -> Array:
-        """Turn (n, 3) normals of the world into unit normals of the object.
-
-        Normals go by the inverse transpose, which keeps their side when mirrored.
-        """
-        return unit(times(normals, self.matrix))
-
-    def to_world(self, normals: Array) -> Array:
-        """Turn (n, 3) normals of the object into unit normals of the world."""
-        return unit(times(normals, np.linalg.inv(self.matrix)))
-
-
-@dataclass(frozen=True)
-class Corners:
-    """Normals of a mesh that edges part.
-
-    Attributes
-    ----------
-    normals, valid : (c, 3) float64, (c,) bool
-        Of the corners of faces.
-    edges : (e,) bool
-        Which edges part the mesh.
-    """
-
-    normals: Array
-    valid: Array
-    edges: Array
-
-
-@dataclass(frozen=True)
-class Surface:
-    """The faces of an object in the world, as a source of true normals.
-
-    Attributes
-    ----------
-    tree : BVHTree
-        Of the triangles less `center`: it works in single precision.
-    center : (3,) float64
-    corners, normals : (m, 3, 3) float64
-        Places of the triangles' corners less `center`, and the normals there.
-    """
-
-    tree: Any
-    center: Array
-    corners: Array
-    normals: Array
-
-    def normals_near(self, points: Array) -> Array:
-        """Return unit normals of the surface nearest to points (n, 3)."""
-        # The tree answers one point at a time.
-        found = [self.tree.find_nearest(p) for p in (points - self.center).tolist()]
-        at = np.array([place for place, _, _, _ in found])
-        row = np.array([index for _, _, index, _ in found])
-        return unit(_mixed(at, self.corners[row], self.normals[row]))
-
-
-def times(rows: Array, matrix: Array) -> Array:
-    """Return rows (n, 3) times a matrix (3, 3).
-
-    What is made for large matrices takes ten times as long for these.
-    """
-    result: Array = np.einsum("ij,jk->ik", rows, matrix)
-    return result
-
-
-def _mixed(at: Array, corners: Array, values: Array) -> Array:
-    """Interpolate values (n, 3, 3) at corners (n, 3, 3) of triangles at places in them.
-
-    A corner's share is the area of the triangle that the place makes with the others.
-    """
-    spokes = corners - at[:, None]
-    cross = np.cross(np.roll(spokes, -1, axis=1), np.roll(spokes, -2, axis=1))
-    area = np.linalg.norm(cross, axis=2)
-    return (area[:, :, None] * values).sum(axis=1)
 
 
 # Objects
@@ -833,109 +727,6 @@ def bounds(obj: Object) -> Array:
     matrix = np.array(obj.matrix_world)
     box = np.array([corner[:] for corner in obj.bound_box])
     return box @ matrix[:3, :3].T + matrix[:3, 3]
-
-
-# Making
-
-
-def add_points(
-    context: Context,
-    name: str,
-    points: Array,
-    attributes: Mapping[str, Array],
-    *,
-    cloud: bool,
-) -> Object:
-    """Add points with vector attributes at the 3D cursor, selected and active.
-
-    Parameters
-    ----------
-    points : (n, 3) float
-    attributes : name to (n, 3) float
-    cloud : bool
-        A point cloud, whose points have a size; else vertices of a mesh.
-    """
-    mesh = bpy.data.meshes.new(name)
-    mesh.vertices.add(len(points))
-    position: Any = mesh.attributes["position"]
-    arrays.put(position.data, KINDS["FLOAT_VECTOR"], points)
-    for attribute, values in attributes.items():
-        arrays.write(mesh, attribute, "FLOAT_VECTOR", values)
-    obj = bpy.data.objects.new(name, mesh)
-    context.collection.objects.link(obj)
-    for other in context.selected_objects:
-        other.select_set(False)
-    obj.select_set(True)
-    context.view_layer.objects.active = obj
-    if cloud:
-        # The one way that all versions have.
-        bpy.ops.object.convert(target="POINTCLOUD")
-        obj = context.view_layer.objects.active
-        obj.data.name = name
-        if not mesh.users:
-            bpy.data.meshes.remove(mesh)
-        arrays.remove(_data(obj), "radius")
-        size = np.full(len(points), point_radius(points))
-        arrays.write(_data(obj), "radius", "FLOAT", size)
-    obj.location = context.scene.cursor.location
-    return obj
-
-
-def point_radius(points: Array) -> float:
-    """Return a size at which points on a surface nearly touch."""
-    return 0.3 * float(np.linalg.norm(np.ptp(points, axis=0)) / np.sqrt(len(points)))
-
-
-def new_sheet(points: Array) -> Mesh:
-    """Return a smooth mesh over a grid of points (n1, n2, 3)."""
-    n1, n2 = points.shape[:2]
-    number = np.arange(n1 * n2).reshape(n1, n2)
-    corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
-    faces = np.stack(corners, axis=-1).reshape(-1, 4)
-    mesh = bpy.data.meshes.new("Sheet")
-    mesh.from_pydata(points.reshape(-1, 3).tolist(), [], faces.tolist())
-    mesh.polygons.foreach_set("use_smooth", np.ones(len(faces), np.bool_))
-    return mesh
-
-
-def new_disc(name: str) -> Mesh:
-    """Return a mesh of one hexagon in z = 0, at a radius of 1, with our colors."""
-    turn = np.arange(6) * np.pi / 3
-    points = np.stack([np.cos(turn), np.sin(turn), np.zeros(6)], axis=1)
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(points.tolist(), [], [list(range(6))])
-    mesh.attributes.new(COLOR, "FLOAT_COLOR", "POINT")
-    mesh.attributes.active_color_name = COLOR
-    return mesh
-
-
-def new_dots(points: Array, radius: float) -> Mesh:
-    """Return a mesh with an octahedron at each of the points (n, 3)."""
-    ends = np.concatenate([np.eye(3), -np.eye(3)]) * radius
-    faces = np.array(
-        [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2)]
-        + [(1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]
-    )
-    places = (points[:, None] + ends).reshape(-1, 3)
-    first = len(ends) * np.arange(len(points))[:, None, None]
-    mesh = bpy.data.meshes.new("Dots")
-    mesh.from_pydata(places.tolist(), [], (first + faces).reshape(-1, 3).tolist())
-    return mesh
-
-
-def new_lines(lines: Iterable[Array], radius: float) -> Any:
-    """Return a curve of round lines, each along points (n, 3)."""
-    curve: Any = bpy.data.curves.new("Lines", "CURVE")
-    curve.dimensions = "3D"
-    curve.bevel_depth = radius
-    curve.bevel_resolution = 2
-    curve.use_fill_caps = True
-    for points in lines:
-        spline = curve.splines.new("POLY")
-        spline.points.add(len(points) - 1)
-        rows = np.concatenate([points, np.ones((len(points), 1))], axis=1)
-        spline.points.foreach_set("co", rows.astype(np.float32).ravel())
-    return curve
 
 
 # Helpers of the above, which work on the data of objects

@@ -15,7 +15,7 @@ from bpy.types import Context, Object, Operator
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
-from . import bridge, coloring, picture
+from . import bridge, coloring, making, picture
 from .settings import Returned, settings_of
 
 NAME = bridge.DRESS
@@ -192,7 +192,7 @@ def _discs(tree: Any, last: Any, radius: float) -> Any:
 def _disc() -> Object:
     """The disc, in no scene; from it the mesh of discs knows its active color."""
     found: Any = bpy.data.objects.get(_DISC)
-    return found or bpy.data.objects.new(_DISC, bridge.new_disc(_DISC))
+    return found or bpy.data.objects.new(_DISC, making.new_disc(_DISC))
 
 
 def _undress(obj: Object, modifier: Any) -> None:

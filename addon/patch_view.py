@@ -15,7 +15,7 @@ from bpy.types import Context, Object, Operator
 
 from ..core import GridSurface, InputError, Settings
 from ..core.neighborhoods import neighborhoods_of_all
-from . import bridge
+from . import bridge, making
 from .settings import Returned, settings_of
 
 # Across a patch drawn as a surface.
@@ -110,17 +110,17 @@ def show(context: Context, view: View, name: str) -> list[Object]:
     context.scene.collection.children.link(home)
     surface, grid = view.surface.points, view.grid.points
     parts = {
-        "Patch": bridge.new_sheet(surface),
-        "Time-Scale Grid": bridge.new_lines(
+        "Patch": making.new_sheet(surface),
+        "Time-Scale Grid": making.new_lines(
             [*grid, *grid.swapaxes(0, 1)], _THIN * view.reach
         ),
-        "Neighbors": bridge.new_dots(view.neighbors, 1.5 * _DOT * view.reach),
-        "Jump Points": bridge.new_dots(view.jumps, _DOT * view.reach),
-        "Tangents": bridge.new_lines(
+        "Neighbors": making.new_dots(view.neighbors, 1.5 * _DOT * view.reach),
+        "Jump Points": making.new_dots(view.jumps, _DOT * view.reach),
+        "Tangents": making.new_lines(
             [np.array([np.zeros(3), end]) for end in view.tangents],
             _THICK * view.reach,
         ),
-        "Normal": bridge.new_lines(
+        "Normal": making.new_lines(
             [np.array([np.zeros(3), view.normal])], _THICK * view.reach
         ),
     }

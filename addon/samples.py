@@ -6,7 +6,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
 from bpy.types import Context, Menu, Operator
 
 from ..core import shapes
-from . import bridge
+from . import making
 from .settings import Returned
 
 TRUTH = "true_normal"
@@ -83,7 +83,7 @@ class TIMESCALE_OT_add_samples(Operator):
         surface = shapes.ALL[self.shape]
         points, normals, _ = surface.sample(self.count, self.seed, even=self.even)
         points = shapes.add_noise(points, self.noise / 100, self.seed)
-        bridge.add_points(
+        making.add_points(
             context,
             f"{self.shape.title()} Samples",
             points,
