@@ -17,6 +17,8 @@ from typing import Any
 NAME = "timescale_normals"
 DONE, FAILED, WRONG_USAGE, EXCEEDED = 0, 1, 2, 3
 
+_LEAST_MEMORY = 500 << 20
+
 _registered: list[Any] = []
 
 
@@ -90,6 +92,19 @@ def _add_estimate(commands: Any) -> None:
         "colors and everything else, and get normals.",
     )
     _add_output(parser)
+    large = parser.add_argument_group("clouds larger than memory (PLY, NPY, LAS, LAZ)")
+    large.add_argument(
+        "--memory",
+        metavar="SIZE",
+        type=_size,
+        help="work in tiles and use about so much memory, such as 800M or 4G",
+    )
+    large.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="let the workers of a Dask scheduler do the tiles, such as "
+        "tcp://10.0.0.1:8786",
+    )
     _part("addon.options").add_settings(parser)
 
 
@@ -260,6 +275,18 @@ def _at_least_one(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text}")
     return int(text)
+
+
+def _size(text: str) -> int:
+    unit = {"M": 20, "G": 30, "T": 40}.get(text[-1:].upper())
+    number = text[:-1] if unit else text
+    try:
+        size = int(float(number) * (1 << (unit or 0)))
+    except ValueError:
+        size = 0
+    if size < _LEAST_MEMORY:
+        raise argparse.ArgumentTypeError(f"expected 500M or more, got {text}")
+    return size
 
 
 def _degrees(text: str) -> float:

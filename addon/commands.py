@@ -76,7 +76,7 @@ def _tasks(
         settings=settings,
         overwrite=arguments.overwrite,
         skip_existing=arguments.skip_existing,
-        **_of_compare(arguments),
+        **_only_of(arguments),
     )
     several = len(planned) > 1 or batch.is_folder(arguments.image or "")
     return [
@@ -90,7 +90,9 @@ def _tasks(
     ]
 
 
-def _of_compare(arguments: argparse.Namespace) -> dict[str, Any]:
+def _only_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    if arguments.command == "estimate":
+        return {"memory": arguments.memory, "scheduler": arguments.scheduler}
     if arguments.command != "compare":
         return {}
     return {
@@ -177,6 +179,8 @@ _EXCEEDED = (
 
 def _estimate_sentence(row: Row) -> str:
     said = f"{row['valid']:,} normals"
+    if row.get("cut"):
+        said += f", {row['cut']:,} from cut neighborhoods"
     if row["invalid"]:
         said += f", {row['invalid']:,} points without"
     if "objects" in row:

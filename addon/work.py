@@ -19,7 +19,8 @@ from ..core.comparison import angle
 from ..core.faces import unit
 from ..core.graph import NearestNeighbors
 from ..core.winding import find_flipped_faces
-from . import files, snapshot
+from . import files, large, snapshot
+from .cluster import tile_runner
 from .files.shape import Shape
 from .options import to_settings
 from .output import OutputError, silence, whole
@@ -31,6 +32,9 @@ EXPECTED = (files.FileError, OutputError, core.InputError, OSError, MemoryError)
 
 # Share of the progress that is the estimate's; reading and writing have the rest.
 _READ, _ESTIMATED = 0.1, 0.9
+
+# Of work in tiles where nothing else was said.
+_MEMORY = 2 << 30
 
 # Points are those of another file when they are no farther than that, in diagonals.
 _SAME_PLACE = 1e-5
@@ -61,6 +65,10 @@ class Task:
         Degrees.
     signed : bool
         Whether a normal on the wrong side is off by more than 90 degrees.
+    memory : int or None
+        Bytes that may be used: the file is done in tiles.
+    scheduler : str or None
+        The address of a Dask scheduler whose workers do the tiles.
     """
 
     command: str
@@ -74,6 +82,8 @@ class Task:
     normals: str = "estimate"
     fail_above: float | None = None
     signed: bool = False
+    memory: int | None = None
+    scheduler: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the task as plain values."""
@@ -110,6 +120,8 @@ def _estimate(task: Task, progress: Progress) -> dict[str, Any]:
     _check_target(task, target)
     if _is_scene(task.source):
         return _estimate_scene(task, target, progress)
+    if task.memory is not None or task.scheduler is not None:
+        return _estimate_large(task, target, progress)
     shape = files.read(Path(task.source))
     turned: dict[str, Any] = {}
     if task.settings.get("winding") == "repaired" and shape.faces is not None:
@@ -119,6 +131,27 @@ def _estimate(task: Task, progress: Progress) -> dict[str, Any]:
     row |= turned
     progress(_ESTIMATED)
     return row | write_result(task, replace(shape, normals=kept(shape, normals, valid)))
+
+
+def _estimate_large(task: Task, target: Path, progress: Progress) -> dict[str, Any]:
+    """Estimate the normals of a file in tiles, here or on other machines."""
+    if task.image is not None or "reference" in task.settings:
+        raise OutputError("--image and --reference are for files that fit into memory")
+    if target.suffix.lower() != Path(task.source).suffix.lower():
+        raise OutputError("in tiles a file keeps its format: choose another output")
+    memory = task.memory or _MEMORY
+    with (
+        tile_runner(task.scheduler) as fit,
+        whole(target, overwrite=task.overwrite) as path,
+    ):
+        return large.estimate(
+            Path(task.source),
+            path,
+            to_settings(task.settings),
+            memory=memory,
+            fit=fit,
+            progress=progress,
+        )
 
 
 def _is_scene(name: str) -> bool:

@@ -19,6 +19,7 @@ from .inputs import (
     IntArray,
     as_faces,
     as_points,
+    center_of,
     centered_parts,
 )
 from .meshes import MeshNormals
@@ -224,7 +225,7 @@ def estimate_normals(
             f"expected at least {LEAST_NEIGHBORS + 1} points, one and the "
             f"{LEAST_NEIGHBORS} neighbors that a patch needs, got {len(points)}"
         )
-    center = points.mean(axis=0)
+    center = center_of(points)
     _check_spread(points, center)
     settings = _about(asked, center, points)
     if settings.method == "paper":

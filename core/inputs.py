@@ -58,6 +58,30 @@ def centered_parts(points: FloatArray, center: FloatArray) -> Iterator[FloatArra
         yield points[at : at + _PART] - center
 
 
+def snapped(center: FloatArray, size: float) -> FloatArray:
+    """Return a place near the center of points that does not hang on rounding.
+
+    A multiple of a power of two, about a thousandth of the size of the cloud: the same
+    however the mean was summed, and coordinates of single precision lose nothing when
+    it is subtracted.
+
+    Parameters
+    ----------
+    center : (3,) float64
+    size : float
+        The largest extent of the cloud along an axis.
+    """
+    if not size > 0:
+        return center
+    step = 2.0 ** (np.ceil(np.log2(size)) - 10)
+    return np.round(center / step) * step
+
+
+def center_of(points: FloatArray) -> FloatArray:
+    """Return the place that the coordinates of points (n, 3) are taken from."""
+    return snapped(points.mean(axis=0), float(np.ptp(points, axis=0).max()))
+
+
 def as_numbers(values: ArrayLike, *, name: str) -> FloatArray:
     """Return real numbers as a contiguous float64 array, or raise InputError."""
     try:

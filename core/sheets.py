@@ -48,6 +48,7 @@ _NEAREST_FOR_PLANES, _MIRRORED = 4, 6
 
 # Rounds of the second stage; in the last the consensus itself is cubic.
 _ROUNDS = 3
+STAGES = 1 + _ROUNDS
 _REWEIGHTINGS = 3
 
 # What a neighbor's slopes weigh beside its height, when neighbors are chosen and in the
@@ -109,7 +110,9 @@ class _Consensus:
     consent: FloatArray
 
 
-def suspects(misfit: FloatArray, valid: BoolArray) -> tuple[IntArray, float]:
+def suspects(
+    misfit: FloatArray, valid: BoolArray, noise: float | None = None
+) -> tuple[IntArray, float]:
     """Return the points that `separate` should look at, and the noise as an angle.
 
     Parameters
@@ -117,9 +120,14 @@ def suspects(misfit: FloatArray, valid: BoolArray) -> tuple[IntArray, float]:
     misfit : (n,)
         See `Patches.misfit`.
     valid : (n,) bool
+    noise : float, optional
+        Where it is known, from more points than these.
     """
-    known = misfit[valid]
-    noise = float(np.median(known, overwrite_input=True)) if len(known) else 0.0
+    if noise is None:
+        known = misfit[valid]
+        noise = float(np.median(known, overwrite_input=True)) if len(known) else 0.0
+        # In steps of a twelfth, so that parts of a cloud say the same as all of it.
+        noise = 2.0 ** (np.round(8 * np.log2(noise)) / 8) if noise > 0 else 0.0
     bar = max(_SUSPECT, _OVER_NOISE * noise)
     return np.flatnonzero(valid & (misfit > bar)), noise
 
@@ -164,7 +172,7 @@ def separate(
     run(look_up, parts)
     now = normals.copy()
     turned = np.ones(len(normals), dtype=bool)
-    for stage in range(1 + _ROUNDS):
+    for stage in range(STAGES):
         before = now[order]
         after = before.copy()
 

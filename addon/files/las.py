@@ -4,6 +4,7 @@
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -182,6 +183,22 @@ def with_normals(las: Any) -> Any:
         las.add_extra_dims(added)
     drop_index(las.header)
     return las
+
+
+def with_dimensions(header: Any) -> Any:
+    """Return a header that has dimensions for normals, without the index of COPC."""
+    laspy = needed("laspy", "LAS files")
+    header = deepcopy(header)
+    known = set(header.point_format.dimension_names)
+    header.add_extra_dims(
+        [
+            laspy.ExtraBytesParams(name=name, type="f4", description="normal")
+            for name in NORMALS
+            if name not in known
+        ]
+    )
+    drop_index(header)
+    return header
 
 
 def drop_index(header: Any) -> None:

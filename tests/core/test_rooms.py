@@ -54,6 +54,7 @@ CORE_ORDER = (
     "shapes",
     "experiment",
     "raster",
+    "tiles",
     "__init__",
 )
 

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where tiles are computed: here, or by the workers of a Dask cluster.
+
+The unit of work is a pure function of a tile. A tile whose worker dies is given to
+another one.
+"""
+
+import tempfile
+import zipfile
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..core import tiles
+from .files.libraries import needed
+from .files.shape import FileError
+
+Fit = Callable[[Iterator[tuple[Any, ...]]], Iterator[tiles.Tile]]
+
+# Tiles on their way for each worker: one that is computed, one that is there next.
+_AHEAD = 2
+# How often a tile may lose its worker.
+_RETRIES = 5
+
+
+@contextmanager
+def tile_runner(scheduler: str | None) -> Iterator[Fit]:
+    """Yield what turns tiles into their results, in order.
+
+    Parameters
+    ----------
+    scheduler : str or None
+        The address of a Dask scheduler; None for this process.
+    """
+    if scheduler is None:
+        yield _here
+        return
+    distributed = needed("distributed", "--scheduler")
+    try:
+        client = distributed.Client(scheduler, timeout=20, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise FileError(f"no scheduler answers at {scheduler}: {error}") from None
+    with client, tempfile.TemporaryDirectory() as folder:
+        _send_code(client, Path(folder))
+        yield lambda tasks: _there(client, tasks)
+
+
+def _here(tasks: Iterator[tuple[Any, ...]]) -> Iterator[tiles.Tile]:
+    for task in tasks:
+        yield tiles.fit_tile(*task)
+
+
+def _there(client: Any, tasks: Iterator[tuple[Any, ...]]) -> Iterator[tiles.Tile]:
+    """Keep the workers busy, and no more tiles on their way than that takes."""
+    waiting: deque[Any] = deque()
+    most = _AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+    for task in tasks:
+        waiting.append(_submitted(client, task))
+        if len(waiting) >= most:
+            yield _result(waiting.popleft())
+    while waiting:
+        yield _result(waiting.popleft())
+
+
+def _submitted(client, task):
+    # Sent on its own: a graph is not a place for megabytes.
+    data = client.scatter(task, direct=False, hash=False)
+    return client.submit(_fit, data, pure=False, retries=_RETRIES)
+
+
+def _result(future):
+    return future.result()
+
+
+def _fit(task: tuple[Any, ...]) -> tiles.Tile:
+    return tiles.fit_tile(*task)
+
+
+def _send_code(client: Any, folder: Path) -> None:
+    """Give the workers the package that tiles are computed with."""
+    package = tiles.__name__.removesuffix(".core.tiles")
+    root = Path(tiles.__file__).parent
+    path = folder / "timescale_tiles.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        parts = package.split(".")
+        for depth in range(1, len(parts) + 1):
+            archive.writestr("/".join(parts[:depth]) + "/__init__.py", "")
+        for source in sorted(root.glob("*.*")):
+            archive.write(source, f"{'/'.join(parts)}/core/{source.name}")
+    client.upload_file(str(path))
