@@ -42,7 +42,9 @@ def tile_runner(scheduler: str | None) -> Iterator[Fit]:
         client = distributed.Client(scheduler, timeout=20, set_as_default=False)
     except (OSError, ValueError) as error:
         raise FileError(f"no scheduler answers at {scheduler}: {error}") from None
-    with client, tempfile.TemporaryDirectory() as folder:
+    config = needed("dask", "--scheduler").config
+    few = {"distributed.admin.large-graph-warning-threshold": "1TB"}
+    with client, tempfile.TemporaryDirectory() as folder, config.set(few):
         _send_code(client, Path(folder))
         yield lambda tasks: _there(client, tasks)
 
@@ -65,17 +67,13 @@ def _there(client: Any, tasks: Iterator[tuple[Any, ...]]) -> Iterator[tiles.Tile
 
 
 def _submitted(client, task):
-    # Sent on its own: a graph is not a place for megabytes.
-    data = client.scatter(task, direct=False, hash=False)
-    return client.submit(_fit, data, pure=False, retries=_RETRIES)
+    # With the task, which the scheduler keeps: what is scattered is lost with the
+    # worker that has it.
+    return client.submit(tiles.fit_tile, *task, pure=False, retries=_RETRIES)
 
 
 def _result(future):
     return future.result()
-
-
-def _fit(task: tuple[Any, ...]) -> tiles.Tile:
-    return tiles.fit_tile(*task)
 
 
 def _send_code(client: Any, folder: Path) -> None:

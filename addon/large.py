@@ -26,10 +26,11 @@ Progress = Callable[[float], object]
 Fit = Callable[[Iterator[tuple[Any, ...]]], Iterator[tiles.Tile]]
 
 # Bytes of memory: of the program itself, of what is read at a time and of the sample,
-# and for each point of a tile and its halo, as measured on ten million points.
-_BASE, _EACH = 420 << 20, 420
+# and for each point of a tile and its halo, well above what fifty million points took.
+_BASE, _EACH = 300 << 20, 320
 _SAMPLE = 1_000_000
-_FEWEST = 50_000
+# Tiles of more points than are fitted in double precision.
+_FEWEST = 110_000
 
 # Parts of the cloud that settings are chosen by, and points of each.
 _PARTS, _OF_PART = 12, 20_000

@@ -33,7 +33,7 @@ def open_scene(path: Path) -> None:
         raise FileError(_NOT_IN_A_WINDOW)
     if not path.is_file():
         raise FileError("cannot be read: there is no such file")
-    suffix = path.suffix.lower()
+    suffix, path = path.suffix.lower(), path.resolve()
     try:
         if suffix == ".blend":
             # Scripts in files from elsewhere stay asleep.
@@ -52,7 +52,7 @@ def open_scene(path: Path) -> None:
 
 def save_scene(path: Path) -> None:
     """Write the scene that is open."""
-    _WRITERS[path.suffix.lower()](str(path))
+    _WRITERS[path.suffix.lower()](str(path.resolve()))
     if not path.exists():
         raise FileError(f"Blender did not write {path.name}")
 

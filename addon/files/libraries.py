@@ -8,7 +8,12 @@ from types import ModuleType
 from .shape import FileError
 
 # Module -> what pip calls it.
-_PACKAGES = {"laspy": "laspy[lazrs]", "lazrs": "lazrs", "distributed": "distributed"}
+_PACKAGES = {
+    "laspy": "laspy[lazrs]",
+    "lazrs": "lazrs",
+    "dask": "distributed",
+    "distributed": "distributed",
+}
 
 
 def needed(name: str, purpose: str) -> ModuleType:

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clouds in tiles come out as in one piece."""
+
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from addon import cli, files
+from addon.files.shape import Shape
+from core import InputError, Settings, shapes
+from core.inputs import center_of
+from core.tiles import Partition, depth_in_box, facing, fit_tile, resolve, thinned
+
+LARGE = cli._part("addon.large")
+CLUSTER = cli._part("addon.cluster")
+# Far more than neighborhoods in single precision need, far less than a real tile.
+COUNT, FEWEST = 120_000, 70_000
+
+
+@pytest.fixture
+def _small_tiles(monkeypatch):
+    """Tiles as small as a test can be, whatever the memory."""
+    monkeypatch.setattr(LARGE, "_FEWEST", FEWEST)
+    monkeypatch.setattr(LARGE, "_BASE", 1 << 50)
+    monkeypatch.setattr(LARGE, "_OF_PART", 5_000)
+
+
+@pytest.fixture(scope="module")
+def torus():
+    """Points all around, far out, in the order in which they come."""
+    points, normals, _ = shapes.TORUS.sample(COUNT, seed=0)
+    return points * 50 + np.array([623_000.0, 4_851_000.0, 100.0]), normals
+
+
+def estimate(source: Path, target: Path, *more: str) -> dict:
+    report = target.with_name("report.json")
+    command = ["estimate", str(source), "-o", str(target), "--quiet", "--overwrite"]
+    assert cli.main([*command, "--report", str(report), *more]) == 0
+    return json.loads(report.read_text("utf-8"))["files"][0]
+
+
+def test_boxes_cover_space_and_hold_as_many_points_each():
+    points = np.random.default_rng(0).normal(size=(4000, 3))
+    partition = Partition.of(points, 3)
+    box = partition.box_of(points)
+    assert np.bincount(box, minlength=8).tolist() == [500] * 8
+    depth = np.stack(
+        [
+            depth_in_box(points, *corners)
+            for corners in zip(partition.low, partition.high, strict=True)
+        ]
+    )
+    assert ((depth >= 0).sum(axis=0) == 1).all()
+    assert np.array_equal(depth.argmax(axis=0), box)
+
+
+def test_one_box_is_all_of_space():
+    partition = Partition.of(np.eye(3), 0)
+    assert len(partition) == 1
+    assert partition.box_of(np.eye(3)).tolist() == [0, 0, 0]
+    assert np.isinf(depth_in_box(np.eye(3), partition.low[0], partition.high[0])).all()
+
+
+def test_what_is_not_known_is_not_exact():
+    points, _, _ = shapes.SPHERE.sample(3000, seed=0)
+    settings, noise, margin = resolve(points, Settings(neighbors=16))
+    inside = points[:, 0] < 0.2
+    known = points[inside]
+    depth = np.where(inside, 0.2 - points[:, 0], 0)[inside]
+    tile = fit_tile(known, len(known), depth, settings, noise)
+    whole = fit_tile(points, len(points), np.full(3000, np.inf), settings, noise)
+    assert whole.exact.all()
+    # Some of the points near the edge are cut, those a margin away from it are not.
+    assert (~tile.exact).sum() > 0
+    assert tile.exact[depth > margin].all()
+    same = (tile.normals == whole.normals[inside]).all(axis=1)
+    # In double precision the last bits hang on the order of sums.
+    close = np.abs(tile.normals - whole.normals[inside]).max(axis=1) < 1e-9
+    assert (same | close)[tile.exact].all()
+    assert not (same | close)[~tile.exact].all()
+
+
+def test_few_points_are_no_neighborhood():
+    tile = fit_tile(np.eye(3), 3, np.full(3, 1.0), Settings(neighbors=8), 0.0)
+    assert not tile.valid.any()
+    assert not tile.exact.any()
+    assert fit_tile(np.eye(3), 3, np.full(3, np.inf), Settings(), 0.0).exact.all()
+
+
+def test_thinned_points_are_one_a_cell():
+    points = np.random.default_rng(0).uniform(-5, 5, (3000, 3))
+    rows = thinned(points, 2.5)
+    assert len(rows) == 64
+    assert len(np.unique(np.floor(points[rows] / 2.5), axis=0)) == 64
+
+
+def test_normals_take_the_side_of_their_guides():
+    points, normals, _ = shapes.SPHERE.sample(2000, seed=0)
+    guides = (points[::10], normals[::10], np.ones(200))
+    found = facing(points, -normals, Settings(), guides)
+    assert np.array_equal(found, normals)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        Settings(method="paper"),
+        Settings(graph="delaunay"),
+        Settings(orientation="reference"),
+    ],
+)
+def test_what_needs_the_whole_cloud_is_refused(settings):
+    with pytest.raises(InputError, match="for a cloud in tiles"):
+        resolve(np.eye(3), settings)
+
+
+def test_the_center_does_not_hang_on_rounding(torus):
+    points, _ = torus
+    center = center_of(points)
+    assert np.array_equal(center_of(points[::-1]), center)
+    assert np.abs(center - points.mean(axis=0)).max() < 0.3
+
+
+@pytest.mark.usefixtures("_small_tiles")
+@pytest.mark.parametrize("suffix", [".ply", ".npy"])
+def test_tiles_give_the_same_bits(suffix, tmp_path, torus):
+    points, normals = torus
+    columns = {"label": np.arange(COUNT, dtype=np.int32)}
+    source = tmp_path / f"a{suffix}"
+    files.write(source, Shape(points, None, normals, columns))
+    row = estimate(source, tmp_path / f"tiles{suffix}", "--memory", "500M")
+    assert row["tiles"] == 2
+    assert row["cut"] == 0
+    more = ("--neighbors", str(row["neighbors"]), "--patch", row["patch"])
+    estimate(source, tmp_path / f"whole{suffix}", *more)
+    assert (tmp_path / f"tiles{suffix}").read_bytes() == (
+        tmp_path / f"whole{suffix}"
+    ).read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == []
+
+
+@pytest.mark.usefixtures("_small_tiles")
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_tiles_of_las(suffix, tmp_path, torus):
+    points, normals = torus
+    source = tmp_path / f"a{suffix}"
+    columns = {"intensity": np.arange(COUNT, dtype=np.uint16)}
+    files.write(source, Shape(points, None, normals, columns))
+    row = estimate(source, tmp_path / f"b{suffix}", "--memory", "500M")
+    assert row["cut"] == 0
+    before, after = files.read(source), files.read(tmp_path / f"b{suffix}")
+    assert np.array_equal(before.points, after.points)
+    assert np.array_equal(before.columns["intensity"], after.columns["intensity"])
+    # Nearly those of the torus, all outward.
+    assert np.abs(after.normals - normals).max() < 0.01
+
+
+@pytest.mark.usefixtures("_small_tiles")
+def test_lone_points_are_looked_for_far_away(tmp_path, torus):
+    points = np.concatenate([torus[0], torus[0][:3] + [5e3, 0, 0], [[np.nan] * 3]])
+    np.save(tmp_path / "a.npy", points)
+    row = estimate(tmp_path / "a.npy", tmp_path / "b.npy", "--memory", "500M")
+    assert row["invalid"] >= 1
+    found = np.load(tmp_path / "b.npy")
+    assert np.array_equal(found[:, :3], points, equal_nan=True)
+    assert (found[-1, 3:] == 0).all()
+
+
+def test_tiles_are_for_formats_that_can_be_read_in_pieces(tmp_path, capsys):
+    (tmp_path / "a.xyz").write_text("0 0 0\n", "utf-8")
+    command = ["estimate", str(tmp_path / "a.xyz"), "-o", str(tmp_path / "b.xyz")]
+    assert cli.main([*command, "--memory", "1G"]) == 1
+    assert "for work in tiles" in capsys.readouterr().err
+    assert cli.main([*command, "--memory", "lots"]) == 2
+
+
+def test_nobody_at_the_address_of_a_scheduler(tmp_path, capsys, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    real = distributed.Client
+
+    def soon(address, *, timeout, set_as_default):
+        return real(address, timeout=timeout / 20, set_as_default=set_as_default)
+
+    monkeypatch.setattr(distributed, "Client", soon)
+    np.save(tmp_path / "a.npy", np.zeros((9, 3)))
+    command = ["estimate", str(tmp_path / "a.npy"), "-o", str(tmp_path / "b.npy")]
+    assert cli.main([*command, "--scheduler", "tcp://127.0.0.1:1"]) == 1
+    told = capsys.readouterr().err
+    assert "no scheduler answers at tcp://127.0.0.1:1" in told
+
+
+@pytest.mark.usefixtures("_small_tiles")
+@pytest.mark.filterwarnings("ignore")
+def test_a_worker_that_is_killed_changes_nothing(tmp_path, torus, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(LARGE, "_FEWEST", 16_000)
+    np.save(tmp_path / "a.npy", torus[0])
+    more = ("--memory", "500M", "--threads", "1")
+    row = estimate(tmp_path / "a.npy", tmp_path / "here.npy", *more)
+    assert row["tiles"] == 8
+    killed = []
+
+    def kill_one(cluster):
+        """Kill a worker process once tiles have come back."""
+        client = distributed.Client(cluster, set_as_default=False)
+        first.wait(60)
+        pid = next(iter(client.run(os.getpid).values()))
+        os.kill(pid, signal.SIGKILL)
+        killed.append(pid)
+        client.close()
+
+    first, result = threading.Event(), CLUSTER._result
+
+    def tell(future):
+        found = result(future)
+        first.set()
+        return found
+
+    monkeypatch.setattr(CLUSTER, "_result", tell)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        thread = threading.Thread(target=kill_one, args=(cluster,))
+        thread.start()
+        address = ("--scheduler", cluster.scheduler_address)
+        estimate(tmp_path / "a.npy", tmp_path / "there.npy", *more, *address)
+        thread.join(60)
+    assert len(killed) == 1
+    here, there = (tmp_path / name for name in ("here.npy", "there.npy"))
+    assert here.read_bytes() == there.read_bytes()
