@@ -225,8 +225,8 @@ def estimate_normals(
             f"expected at least {LEAST_NEIGHBORS + 1} points, one and the "
             f"{LEAST_NEIGHBORS} neighbors that a patch needs, got {len(points)}"
         )
+    _check_spread(points, points.mean(axis=0))
     center = center_of(points)
-    _check_spread(points, center)
     settings = _about(asked, center, points)
     if settings.method == "paper":
         settings = replace(settings, weights="paper", sheets=False)
