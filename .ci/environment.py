@@ -182,9 +182,9 @@ def tail(path, lines=12):
         return "    " + "    ".join(file.readlines()[-lines:])
 
 
-def missing_libraries():
+def missing_libraries(libraries):
     missing = []
-    for library, package in LIBRARIES.items():
+    for library, package in libraries.items():
         try:
             ctypes.CDLL(library)
         except OSError:
@@ -192,14 +192,18 @@ def missing_libraries():
     return missing
 
 
-def install_libraries():
-    """Install what the Blender module links against; True when nothing is missing."""
-    missing = missing_libraries() if platform.system() == "Linux" else []
+def install_libraries(libraries=LIBRARIES, user="Blender"):
+    """Install what a module links against; True when nothing is missing.
+
+    `libraries` are the names of files and of the Debian packages that have them.
+    """
+    linux = platform.system() == "Linux"
+    missing = missing_libraries(libraries) if linux else []
     if not missing:
         return True
     install = ["apt-get", "install", "-y", "--no-install-recommends", *missing]
     if os.geteuid() != 0 or not shutil.which("apt-get"):
-        say("Blender needs system libraries; run: sudo " + " ".join(install))
+        say(user + " needs system libraries; run: sudo " + " ".join(install))
         return False
     say("  installing " + " ".join(missing))
     options = ["-o", "Acquire::Retries=5", "-o", "DPkg::Lock::Timeout=300", "-qq"]
@@ -208,7 +212,7 @@ def install_libraries():
         subprocess.run(
             command[:1] + options + command[1:], env=quiet, stdout=subprocess.DEVNULL
         )
-    if missing_libraries():
+    if missing_libraries(libraries):
         say("apt-get could not install them; run: " + " ".join(install))
         return False
     return True

@@ -27,10 +27,14 @@ PEERS = {
     "skimage": "scikit-image>=0.24",
     "vtk": "vtk>=9.3",
 }
+# What Open3D's wheel links against on Linux and does not bring.
+LIBRARIES = {"libusb-1.0.so.0": "libusb-1.0-0"}
 PYTHONS = ("3.12", "3.11", "3.13")
 
 
 def main():
+    # Where it cannot be had, a line says so, and Open3D is left out.
+    environment.install_libraries(LIBRARIES, "Open3D")
     wanted = (*OURS, *PEERS.values())
     if environment.ready("bench", wanted):
         return 0

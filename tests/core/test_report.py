@@ -57,3 +57,13 @@ def test_a_page_without_the_two_marks_is_left_alone(report, page, text):
     with pytest.raises(ValueError, match="speed"):
         report.replace_part(page, "speed", "new")
     assert page.read_text() == text
+
+
+def test_labels_of_methods_that_are_alike_stand_apart(report):
+    places = {name: (5 + 0.01 * i, 0.2) for i, name in enumerate("abc")}
+    places["exact"] = (5, 1e-4)
+    labels = {name: offset for name, _, offset in report._labels(places)}
+    assert set(labels) == set(places)
+    assert len({labels[name] for name in "abc"}) == 3
+    # In the order of their times, so that the lines to the places do not cross.
+    assert labels["a"][1] > labels["b"][1] > labels["c"][1] == labels["exact"][1]
