@@ -148,8 +148,8 @@ class TIMESCALE_OT_repair_normals(OnSelection):
         else:
             dress.hide_beside(job.obj)
             corners = job.corners
-            if job.task.turn and job.task.winding.turned:
-                faces = job.task.faces.faces_of(job.task.winding.flipped)
+            faces = _to_turn(job)
+            if job.task.turn and faces.any():
                 corners = bridge.turn_faces(job.obj, faces, corners)
             bridge.write_estimate(
                 job.obj,
@@ -196,6 +196,15 @@ def _turned_by(job: Job) -> Any:
     return angles if job.weight is None else angles * job.weight[_vertices(job)]
 
 
+def _to_turn(job: Job) -> Any:
+    """Return which faces (f,) bool of the region to turn over."""
+    turned = job.task.winding.flipped
+    if job.weight is not None:
+        within = job.weight[job.task.faces.vertices][job.task.faces.triangles] > 0
+        turned = turned & within.all(axis=1)
+    return job.task.faces.faces_of(turned)
+
+
 def _vertices(job: Job) -> Any:
     return job.task.faces.vertices
 
@@ -204,9 +213,8 @@ def _counts(job: Job, angles: Any) -> dict[str, Any]:
     """Return what the report counts."""
     mesh = job.estimate.mesh
     noise = {"clean": "no noise", "stepped": "steps of voxels"}.get(mesh.kind)
-    flipped = job.task.faces.faces_of(job.task.winding.flipped)
     return {
-        "faces": int(flipped.sum()),
+        "faces": int(_to_turn(job).sum()),
         "done": "flipped" if job.task.turn else "wind against the others",
         "noise": noise or f"noise of {mesh.noise / mesh.edge:.2g} edges",
         "changed": 100 * float((angles > _SEEN).mean()),

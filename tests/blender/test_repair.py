@@ -164,6 +164,18 @@ def test_only_the_selection_changes():
     assert np.sqrt((scenes.angles(new[at], truth[at]) ** 2).mean()) < 5
 
 
+def test_only_faces_of_the_selection_are_flipped():
+    obj = scenes.sphere(4)
+    middles = np.array([p.center[:] for p in obj.data.polygons])
+    which = [int(middles[:, 2].argmax()), int(middles[:, 2].argmin())]
+    turn_faces(obj, which)
+    obj.data.vertices.foreach_set("select", scenes.points_of(obj)[:, 2] > 0)
+    run(region="selected")
+    normals = np.array([p.normal[:] for p in obj.data.polygons])
+    inward = np.flatnonzero((normals * middles).sum(axis=1) < 0)
+    assert inward.tolist() == which[1:]
+
+
 def test_points_alone_are_refused():
     scenes.new_cloud(scenes.ball(100))
     with pytest.raises(RuntimeError, match="no faces to repair"):
