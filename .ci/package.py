@@ -48,7 +48,8 @@ def zip_path(manifest: dict, name: str) -> pathlib.Path:
 def wheels_of(manifest: dict, name: str) -> list[str]:
     """File names of the wheels that the manifest lists for one platform."""
     names = [pathlib.PurePosixPath(path).name for path in manifest["wheels"]]
-    return [n for n in names if re.fullmatch(rf".*-{WHEEL_TAGS[name]}\.whl", n)]
+    tag = f"(any|{WHEEL_TAGS[name]})"
+    return [n for n in names if re.fullmatch(rf".*-{tag}\.whl", n)]
 
 
 def fetch_wheel(wheel: str) -> None:
@@ -58,8 +59,10 @@ def fetch_wheel(wheel: str) -> None:
     package, version, python, abi, tags = wheel.removesuffix(".whl").split("-")
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps"]
     command += ["--only-binary=:all:", "--retries=8", f"--dest={WHEELS}"]
-    command += [f"--python-version={python.removeprefix('cp')}", f"--abi={abi}"]
-    command += ["--implementation=cp", *(f"--platform={t}" for t in tags.split("."))]
+    if tags != "any":
+        command += [f"--python-version={python.removeprefix('cp')}", f"--abi={abi}"]
+        platforms = (f"--platform={tag}" for tag in tags.split("."))
+        command += ["--implementation=cp", *platforms]
     command += [f"{package}=={version}"]
     print(f"  fetching {wheel}", flush=True)
     for attempt in range(4):

@@ -36,6 +36,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 done, 1 something could not be processed, 2 wrong usage, 3 normals deviate
         by more than `compare --fail-above` allows.
     """
+    # Not a command of its own: other runs start it.
+    if (sys.argv[1:] if argv is None else list(argv)) == ["worker"]:
+        return _work()
     try:
         arguments = _parser().parse_args(argv)
     except SystemExit as stop:
@@ -78,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
         "3 normals deviate by more than compare --fail-above allows.",
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for add in (_add_estimate, _add_compare, _add_repair, _add_reproduce, _add_worker):
+    for add in (_add_estimate, _add_compare, _add_repair, _add_reproduce):
         add(commands)
     return parser
 
@@ -157,11 +160,6 @@ def _add_compare(commands: Any) -> None:
     _part("addon.options").add_settings(parser)
 
 
-def _add_worker(commands: Any) -> None:
-    parser = commands.add_parser("worker")
-    parser.set_defaults(run=_work)
-
-
 def _add_on_files(commands: Any, name: str, text: str, description: str) -> Any:
     """Add a command with the options that all commands on files share."""
     known = " ".join(_part("addon.files").FORMATS)
@@ -220,7 +218,7 @@ def _run_on_files(arguments: argparse.Namespace) -> int:
     return _part("addon.commands").run(arguments, NAME)
 
 
-def _work(_arguments: argparse.Namespace) -> int:
+def _work() -> int:
     """Be a worker of another run: see `workers`."""
     _part("addon.workers").serve(sys.stdin.buffer, sys.stdout.buffer)
     return DONE

@@ -101,6 +101,17 @@ def test_plain_files_go_as_without_blender(tmp_path):
         assert (np.einsum("ij,ij->i", found.normals, points) > 0.99).all()
 
 
+def test_las_is_there_and_laz_says_how_to_get_it(tmp_path, capsys):
+    points, normals, _ = shapes.SPHERE.sample(400, seed=0)
+    files.write(tmp_path / "a.las", Shape(points, None, normals))
+    command = ["estimate", str(tmp_path / "a.las"), "--quiet", "-o"]
+    assert cli.main([*command, str(tmp_path / "b.las")]) == 0
+    found = files.read(tmp_path / "b.las").normals
+    assert (np.einsum("ij,ij->i", found, points) > 0.99).all()
+    assert cli.main([*command, str(tmp_path / "b.laz")]) == 1
+    assert '-m pip install "lazrs"' in capsys.readouterr().err
+
+
 def test_several_processes(tmp_path):
     for number in range(3):
         points, normals, _ = shapes.SPHERE.sample(400, seed=number)
