@@ -28,8 +28,9 @@ NOISY_FROM = 0.05
 _SETTLED = 0.002
 
 # A blend stands where it turns the normal at hand by more than that many times the
-# error it expects of itself: less is no evidence against a patch that fits closely.
-_EVIDENT = 1.5
+# error it expects of itself: less is no evidence against a patch that fits closely. By
+# more than twenty degrees it is another side of a crease, and stands.
+_EVIDENT, _ANOTHER_SIDE = 1.5, 20.0
 
 # Normals that vote about one.
 VOTERS = {"exact": 32, "noisy": 48}
@@ -189,7 +190,8 @@ def refine_exact(
     def vote(chunk):
         normals, error = voted_exact(nearest, first, chunk)
         scale, before = first.scale[chunk], field.normals[chunk].T
-        kept = _squared_angle(normals, before) < _EVIDENT**2 * np.exp(error)
+        bar = np.minimum(_EVIDENT**2 * np.exp(error), _ANOTHER_SIDE**2)
+        kept = _squared_angle(normals, before) < bar
         normals = np.where(kept, before, normals)
         final.put(chunk, normals, np.where(kept, field.scale[chunk], scale), error)
 
