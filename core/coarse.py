@@ -8,8 +8,9 @@ from .halves import halved, sizes_of_halves
 from .inputs import FloatArray, IntArray
 from .ladder import local_noise
 
-# Points that are asked, and the neighbors over which noise is sought, few to many.
-_SAMPLES = 1024
+# Points that are asked, of a small cloud a quarter, and the neighbors over which noise
+# is sought, few to many.
+_SAMPLES, _EVERY = 1024, 4
 _SIZES = (16, 36, 81, 182, 410, 922)
 
 # Noise is what residuals say once it is thinner than a fifth of the reach.
@@ -30,7 +31,7 @@ def noise_in_spacings(nearest: NearestNeighbors) -> tuple[float, float]:
     A spacing is the side of the square that each point has for itself.
     """
     n = len(nearest.points)
-    rows = nearest.order[:: max(1, n // _SAMPLES)]
+    rows = nearest.order[:: max(_EVERY, n // _SAMPLES)]
     noise = spacing = 0.0
     for count in (k for k in _SIZES if k < n // 4 or k == _SIZES[0]):
         index, distance = nearest.neighbors(rows, min(count, n - 1))

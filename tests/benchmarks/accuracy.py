@@ -95,21 +95,22 @@ def measured(points, truth, with_peers):
     seconds = time.process_time() - start
     square = squared_angle(estimate.normals, truth)
     least = np.argsort(estimate.confidence, kind="stable")[: len(points) // 10]
+    rows = np.random.default_rng(0).choice(len(points), TRIED, replace=False)
     errors = {"ours, auto": float(np.sqrt(square.mean()))}
-    errors |= _fixed(points, truth)
+    errors |= _fixed(points, truth, rows)
     if with_peers:
         errors |= _peers(points, truth)
     return {
         "errors": errors,
+        "tried": float(np.sqrt(square[rows].mean())),
         "least": float(square[least].sum() / square.sum()),
         "seconds": seconds,
         "invalid": int((~estimate.valid).sum()),
     }
 
 
-def _fixed(points, truth):
+def _fixed(points, truth, rows):
     """Return the errors of our patches of one size, at some of the points."""
-    rows = np.random.default_rng(0).choice(len(points), TRIED, replace=False)
     centered = points - points.mean(axis=0)
     errors = {}
     for patch, (_, _, steps) in CANDIDATES.items():

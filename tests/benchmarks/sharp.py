@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Errors against the distance to a crease: a cube, fandisk, and a scanned edge."""
+"""Errors against the distance to a crease: a cube and fandisk."""
 
 import importlib.util
 from itertools import pairwise
@@ -25,9 +25,6 @@ def shapes():
     found = clouds.vertices_and_faces("fandisk")
     if found is not None:
         yield "fandisk", *_fandisk(*found, 100_000)
-    path = clouds.DATA / "scan" / "fin90_with_PCA_normals.xyz"
-    if path.exists():
-        yield "scanned edge", *_edge(np.loadtxt(path)[:, :3])
 
 
 def methods():
@@ -115,45 +112,3 @@ def _fandisk(vertices, faces, count):
         places.append(np.linspace(start, end, steps))
     distance = cKDTree(np.concatenate(places)).query(points)[0]
     return points, normals, distance / spacing
-
-
-def _edge(points):
-    """Return points of a scan, and the normals of the two planes nearest to them.
-
-    The truth is not known: planes are fitted to the points more than two spacings from
-    the line where they meet, until nothing changes.
-    """
-    centered = points - points.mean(axis=0)
-    near = cKDTree(points).query(points, k=9)[0][:, -1]
-    spacing = np.median(near) * np.sqrt(np.pi / 8)
-    # The edge is the longest direction across which the two halves lie.
-    planes = _halves(centered)
-    for _ in range(20):
-        height = np.stack([np.abs((centered - c) @ n) for c, n in planes])
-        own = height.argmin(axis=0)
-        clear = np.abs(height[0] - height[1]) > 2 * spacing
-        planes = [_plane(centered[(own == i) & clear]) for i in range(2)]
-    normals = np.stack([n for _, n in planes])[own]
-    along = np.cross(planes[0][1], planes[1][1])
-    matrix = np.stack([planes[0][1], planes[1][1], along])
-    known = np.array([planes[0][1] @ planes[0][0], planes[1][1] @ planes[1][0], 0])
-    foot = np.linalg.solve(matrix, known)
-    away = centered - foot
-    direction = along / np.linalg.norm(along)
-    away -= (away @ direction)[:, None] * direction
-    return points, normals, np.linalg.norm(away, axis=1) / spacing
-
-
-def _halves(points):
-    """Return the planes of small neighborhoods that differ most in direction."""
-    tree = cKDTree(points)
-    index = tree.query(points, k=60)[1]
-    planes = [_plane(points[row]) for row in index[::10]]
-    normals = np.stack([n for _, n in planes])
-    i, j = np.unravel_index(np.abs(normals @ normals.T).argmin(), (len(planes),) * 2)
-    return [planes[i], planes[j]]
-
-
-def _plane(points):
-    center = points.mean(axis=0)
-    return center, np.linalg.svd(points - center, full_matrices=False)[2][2]
