@@ -32,8 +32,8 @@ def write(folder):
         f"{time.strftime('%Y-%m-%d')}, {os.cpu_count()} cores. Root mean square "
         f"angles in degrees; *best fixed* is the best of {sizes} sizes and kinds of "
         "patches for that very cloud, chosen with the truth at hand, at 2,000 of the "
-        "points; *least tenth* is the share of the squared error among the tenth of the "
-        "points that `auto` trusts least.",
+        "points; *least tenth* is the share of the squared error among the tenth of "
+        "the points that `auto` trusts least.",
         "\n".join(_table(found)),
         f"![Errors of each condition]({ERRORS})",
         f"![Where the errors are]({PICTURE})",
