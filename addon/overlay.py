@@ -129,7 +129,9 @@ def legend_of(obj: Object) -> Legend:
     measure = record.color_by
     found, name, limit = coloring.on_scale(obj, found, measure, record.color_limit)
     low, high = (0.0, 1.0) if measure == "wins" else found.limits(name, limit=limit)
-    beyond = measure != "wins" and bool((np.abs(getattr(found, name)) > high).any())
+    beyond = measure != "wins" and bool(
+        (np.abs(getattr(found, name)) > 1.001 * high).any()
+    )
     bins = 2 if measure == "wins" else 40
     counts, edges = coloring.histogram(found, name, bins=bins, limit=limit)
     colors = coloring.colors_of(measure, (edges[1:] + edges[:-1]) / 2, high)
