@@ -27,7 +27,7 @@ Fit = Callable[[Iterator[tuple[Any, ...]]], Iterator[tiles.Tile]]
 
 # Bytes of memory: of the program itself, of what is read at a time and of the sample,
 # and for each point of a tile and its halo, well above what fifty million points took.
-_BASE, _EACH = 300 << 20, 320
+_BASE, _EACH = 420 << 20, 420
 _SAMPLE = 1_000_000
 # Tiles of more points than are fitted in double precision.
 _FEWEST = 110_000
