@@ -7,7 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..core.faces import unit
+from ..core.progress import Progress, silent
 from .arrays import Array
+
+# Points that are looked up between two words of progress.
+_CHUNK = 10_000
 
 
 @dataclass(frozen=True)
@@ -92,10 +96,14 @@ class Surface:
     corners: Array
     normals: Array
 
-    def normals_near(self, points: Array) -> Array:
+    def normals_near(self, points: Array, progress: Progress = silent) -> Array:
         """Return unit normals of the surface nearest to points (n, 3)."""
-        # The tree answers one point at a time.
-        found = [self.tree.find_nearest(p) for p in (points - self.center).tolist()]
+        found: list[Any] = []
+        for start in range(0, len(points), _CHUNK):
+            progress(start / len(points))
+            part = points[start : start + _CHUNK] - self.center
+            # The tree answers one point at a time.
+            found += [self.tree.find_nearest(point) for point in part.tolist()]
         at = np.array([place for place, _, _, _ in found])
         row = np.array([index for _, _, index, _ in found])
         return unit(_mixed(at, self.corners[row], self.normals[row]))

@@ -14,14 +14,15 @@ from bpy.types import Context, Object
 
 from .. import core
 from ..core.faces import fan_means
+from ..core.progress import Progress, between
 from . import bridge, coloring
 from .arrays import ObjectError
 from .settings import Options, place_of, reference_of, to_core
 
-Progress = Callable[[float], object]
-
-# Share of the progress that is the estimate's where a comparison follows.
-_ESTIMATED = 0.7
+# Where the progress stands when a guide is asked, before an estimate; and in a
+# comparison when the estimate is there, and the triangulation.
+_GUIDED = 0.2
+_ESTIMATED, _TRIANGULATED = 0.6, 0.6
 
 
 @dataclass
@@ -190,7 +191,9 @@ def estimate(job: Job, progress: Progress) -> None:
     shape, settings, fans = job.geometry, job.settings, job.fans
     points, faces = shape.points, shape.faces
     if job.guide is not None:
-        settings = replace(settings, reference=job.guide.normals_near(points))
+        near = job.guide.normals_near(points, between(progress, 0.0, _GUIDED))
+        settings = replace(settings, reference=near)
+        progress = between(progress, _GUIDED, 1.0)
     if fans is not None:
         points, faces = points[fans.vertex], fans.faces
         settings = _of_fans(settings, fans.vertex)
@@ -225,14 +228,15 @@ def estimate_and_compare(job: Job, progress: Progress) -> None:
     """
     shape = job.geometry
     if job.normals is None:
-        estimate(job, lambda share: progress(_ESTIMATED * share))
-    progress(_ESTIMATED)
-    job.baseline = shape.to_object(
-        core.delaunay_normals(shape.points, faces=shape.faces)
-    )
+        estimate(job, between(progress, 0.0, _ESTIMATED))
+        progress = between(progress, _ESTIMATED, 1.0)
+    told = between(progress, 0.0, _TRIANGULATED)
+    found = core.delaunay_normals(shape.points, faces=shape.faces, progress=told)
+    job.baseline = shape.to_object(found)
+    progress(_TRIANGULATED)
     if job.surface is not None:
-        progress((1 + _ESTIMATED) / 2)
-        job.truth = shape.to_object(job.surface.normals_near(shape.points))
+        told = between(progress, _TRIANGULATED, 1.0)
+        job.truth = shape.to_object(job.surface.normals_near(shape.points, told))
     job.comparison = core.compare_normals(job.normals, job.baseline, truth=job.truth)
 
 

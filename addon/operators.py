@@ -11,8 +11,9 @@ from bpy.props import StringProperty
 from bpy.types import Context
 
 from ..core import InputError
+from ..core.progress import Progress
 from . import bridge, dress, jobs
-from .jobs import Job, Progress
+from .jobs import Job
 from .run import OnSelection
 from .settings import (
     CompareOptions,

@@ -16,9 +16,10 @@ from bpy.types import Context
 from .. import core
 from ..core.creases import find_sharp_edges
 from ..core.faces import angles_between
+from ..core.progress import Progress
 from ..core.winding import Winding, find_flipped_faces
 from . import bridge, dress, jobs, polygons
-from .jobs import Job, Progress
+from .jobs import Job
 from .run import OnSelection
 from .settings import EstimateOptions, Returned
 

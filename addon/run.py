@@ -15,8 +15,9 @@ from typing import Any
 import bpy
 from bpy.types import Context, Event, Operator
 
+from ..core.progress import Progress
 from . import bridge
-from .jobs import Job, Progress, check_same, jobs_of
+from .jobs import Job, check_same, jobs_of
 from .settings import Returned
 
 # How often the timer looks, in seconds.

@@ -13,8 +13,9 @@ from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_
 from .. import core
 from ..core.orientation import Orientation, find_orientation
 from ..core.pieces import connected_pieces
+from ..core.progress import Progress
 from . import bridge
-from .jobs import Job, Progress, viewpoint_of
+from .jobs import Job, viewpoint_of
 from .run import OnSelection
 from .settings import (
     ORIENTATIONS,
@@ -164,7 +165,7 @@ class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
         return guides
 
     @staticmethod
-    def compute(job: Job, _progress: Progress) -> None:
+    def compute(job: Job, progress: Progress) -> None:
         """Find the sides, and turn what may turn."""
         shape, task = job.geometry, job.task
         normals = shape.to_world(job.normals)
@@ -177,7 +178,7 @@ class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
         job.valid = rows
         if job.guide is not None:
             task.guides["reference"] = job.guide.normals_near(shape.points)
-        job.orientation = _sides(task, shape, normals)
+        job.orientation = _sides(task, shape, normals, progress)
 
     def write(self, job: Job) -> None:
         """Turn them over and say how many."""
@@ -202,11 +203,18 @@ class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
             layout.prop_search(options, "attribute", context.object.data, "attributes")
 
 
-def _sides(task: Task, shape: bridge.Geometry, normals: np.ndarray) -> Orientation:
+def _sides(
+    task: Task, shape: bridge.Geometry, normals: np.ndarray, progress: Progress
+) -> Orientation:
     if task.mode == "flip":
         return Orientation(np.full(len(normals), -1, dtype=np.int8), "flip", 0)
     return find_orientation(
-        shape.points, normals, mode=task.mode, faces=shape.faces, **task.guides
+        shape.points,
+        normals,
+        mode=task.mode,
+        faces=shape.faces,
+        progress=progress,
+        **task.guides,
     )
 
 

@@ -13,6 +13,7 @@ from .chart import principal_axes
 from .faces import unit, vertex_normals
 from .graph import NearestNeighbors, delaunay_simplices
 from .inputs import FloatArray, InputError, as_faces, as_numbers, as_points
+from .progress import Progress, silent
 
 # Candidates for the Delaunay star of a point. On even samples a star has six
 # vertices; on random ones, the farthest of its vertices is among the 24 nearest
@@ -25,6 +26,7 @@ def delaunay_normals(
     *,
     faces: ArrayLike | None = None,
     parameters: ArrayLike | None = None,
+    progress: Progress = silent,
 ) -> FloatArray:
     """Return area-weighted vertex normals of a Delaunay triangulation.
 
@@ -36,6 +38,8 @@ def delaunay_normals(
     parameters : (n, 2) array_like of float, optional
         Parameters of the points: the triangulation is the Delaunay triangulation of
         these, in the plane, lifted to the points.
+    progress : callable, optional
+        Called with the share done, 0 to 1. Whatever it raises ends the work.
 
     Returns
     -------
@@ -68,16 +72,19 @@ def delaunay_normals(
         faces = as_faces(faces, len(points))
     centered = points - points.mean(axis=0)
     if faces is None:
-        return _star_normals(centered)
+        return _star_normals(centered, progress)
     return vertex_normals(centered, faces, weights="area")
 
 
-def _star_normals(points):
+def _star_normals(points, progress):
     """Return N_D of the points' own Delaunay stars, (n, 3)."""
     nearest = NearestNeighbors(points)
     count = min(_CANDIDATES, len(points) - 1)
     result = np.zeros(points.shape)
+    done = 0
     for rows in nearest.runs(count):
+        progress(done / len(points))
+        done += len(rows)
         index, distance = nearest.neighbors(rows, count)
         reach = np.where(distance[:, -1] > 0, distance[:, -1], 1)
         offsets = np.stack([(a[index.T] - a[rows]) / reach for a in points.T])

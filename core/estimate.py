@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From points to normals: patches, sheets, faces, signs."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +25,7 @@ from .meshes import MeshNormals
 from .neighborhoods import Nearest, neighborhoods_of_all, unique_points
 from .orientation import Orientation, find_orientation, sides_of_mesh, with_disagreement
 from .patch import LEAST_NEIGHBORS, Patches
+from .progress import Progress, between, silent
 from .settings import Settings
 from .surface import GridSurface
 from .threads import hold_memory
@@ -171,7 +171,7 @@ def estimate_normals(
     faces: ArrayLike | None = None,
     sharp: ArrayLike | None = None,
     settings: Settings | None = None,
-    progress: Callable[[float], object] | None = None,
+    progress: Progress | None = None,
 ) -> Estimate:
     """Estimate the unit normals of a surface from points on it.
 
@@ -219,7 +219,7 @@ def estimate_normals(
     points = as_points(points)
     faces = as_faces(faces, len(points))
     if faces is not None:
-        return _of_mesh(points, faces, sharp, asked, progress or _silent)
+        return _of_mesh(points, faces, sharp, asked, progress or silent)
     if len(points) <= LEAST_NEIGHBORS:
         raise InputError(
             f"expected at least {LEAST_NEIGHBORS + 1} points, one and the "
@@ -230,7 +230,7 @@ def estimate_normals(
     settings = _about(asked, center, points)
     if settings.method == "paper":
         settings = replace(settings, weights="paper", sheets=False)
-    report = progress or _silent
+    report = progress or silent
     report(0.0)
     hold_memory()
     kept, inverse = unique_points(points, center)
@@ -344,22 +344,14 @@ def _as_asked(estimate, asked):
     )
 
 
-def _silent(_share):
-    """Report progress to nobody."""
-
-
-def _report_between(report, start, end, share):
-    """Report the share of a stage as one of the whole."""
-    report(start + (end - start) * share)
-
-
 def _estimate(points, faces, settings, report, *, center=None):
     """Estimate and orient the normals of points that differ, less their center."""
-    progress = partial(_report_between, report, _FOUND, _FITTED)
-    found = from_patches(points, faces, settings, progress, center=center)
+    told = between(report, _FOUND, _FITTED)
+    found = from_patches(points, faces, settings, told, center=center)
     settings, mesh, normals = found.settings, found.mesh, found.field.normals
     report(_FITTED)
-    orientation = _sides(points, normals, faces, settings, found.source)
+    told = between(report, _FITTED, 1.0)
+    orientation = _sides(points, normals, faces, settings, found.source, told)
     report(1.0)
     if mesh is None:
         # Nobody else has these: no second copy of so many.
@@ -381,7 +373,7 @@ def _estimate(points, faces, settings, report, *, center=None):
     )
 
 
-def _sides(points, normals, faces, settings, source):
+def _sides(points, normals, faces, settings, source, progress):
     """Return the Orientation of normals."""
     by_faces = faces is not None and settings.orientation in ("auto", "faces")
     if settings.method == "auto" and by_faces:
@@ -399,6 +391,7 @@ def _sides(points, normals, faces, settings, source):
         nested=settings.nested,
         threads=settings.threads,
         nearest=source.nearest if isinstance(source, Nearest) else None,
+        progress=progress,
     )
 
 

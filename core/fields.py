@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The normals that patches give at all points, by the method that is asked for."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 
@@ -21,10 +21,15 @@ from .fitted import Fitted, fit_all
 from .inputs import BoolArray, FloatArray, IntArray
 from .meshes import MeshNormals, choose_normals, with_faces
 from .neighborhoods import Nearest, Rings, neighborhoods
+from .progress import Progress, between, silent
 from .scale import NARROWEST
 from .settings import Settings
-from .sheets import separate, suspects
+from .sheets import STAGES, separate, suspects
 from .threads import in_threads
+
+# Where the progress stands when patches of one size are fitted, and when points are
+# told apart by sheets; the rest goes to blending.
+_FITTED, _PARTED = 0.6, 0.8
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,7 @@ def from_patches(
     points: FloatArray,
     faces: IntArray | None,
     asked: Settings,
-    report: Callable[[float], object],
+    report: Progress,
     *,
     center: FloatArray | None = None,
 ) -> Found:
@@ -64,21 +69,20 @@ def from_patches(
     if faces is not None:
         return _of_mesh(points, faces, source, settings, report)
     if not (isinstance(source, Nearest) and _is_automatic(asked, len(points))):
-        fitted = fit_all(source, report)
-        field, separated = base_field(source, fitted)
+        fitted, field, separated = _of_one_size(source, report)
         valid, noise = fitted.valid, fitted.noise
         return Found(field, valid, settings, source, noise, separated, fitted)
-    nearest, run = source.nearest, _runner(settings, report)
+    nearest = source.nearest
     level, noise = noise_in_spacings(nearest)
     # Where the points are few the surface bends as noise does; there, however, the
     # narrowest patches of all are the best.
     wide = (settings.neighbors or 0) > NARROWEST
     if level >= NOISY_FROM and wide:
-        field = estimate_noisy(nearest, level, noise, run)
+        field = estimate_noisy(nearest, level, noise, _runner(settings, report, 2))
         valid = (field.normals != 0).any(axis=1)
         return Found(field, valid, settings, source, noise)
-    fitted = fit_all(source, report)
-    field, separated = base_field(source, fitted)
+    fitted, field, separated = _of_one_size(source, report)
+    run = _runner(settings, between(report, _PARTED, 1.0), 2)
     rows = unsettled(fitted.misfit, fitted.valid)
     field = refine_exact(nearest, field, fitted.misfit, rows, run)
     valid, noise = fitted.valid, fitted.noise
@@ -122,31 +126,42 @@ def _is_automatic(asked, count):
     )
 
 
-def base_field(source: Nearest | Rings, fitted: Fitted) -> tuple[Field, int]:
+def _of_one_size(source, report):
+    """Return patches of one size, their Field, and how many points were told apart."""
+    fitted = fit_all(source, between(report, 0.0, _FITTED))
+    told = between(report, _FITTED, _PARTED)
+    return fitted, *base_field(source, fitted, told)
+
+
+def base_field(
+    source: Nearest | Rings, fitted: Fitted, report: Progress = silent
+) -> tuple[Field, int]:
     """Return the Field of patches of one size, and how many points were told apart."""
     normals, separated = fitted.normals, 0
     if source.settings.sheets and isinstance(source, Nearest):
-        normals, separated = _with_sheets(source, fitted)
+        normals, separated = _with_sheets(source, fitted, report)
     return Field(normals, error_of_misfit(fitted.misfit), fitted.reach), separated
 
 
-def _with_sheets(source, fitted):
+def _with_sheets(source, fitted, report):
     """Return normals made from each point's own sheet, and for how many."""
     rows, noise = suspects(fitted.misfit, fitted.valid)
     if not len(rows):
         return fitted.normals, 0
-    run = _runner(source.settings, lambda _share: None)
+    run = _runner(source.settings, report, 1 + STAGES)
     normals = separate(
         source.nearest, fitted.normals, fitted.misfit, rows, noise, run=run
     )
     return normals, len(rows)
 
 
-def _runner(settings, report):
-    """Return a function that calls work(chunk) for all chunks, in threads."""
+def _runner(settings, report, rounds):
+    """Return a function that calls work(chunk) for all chunks, so many times over."""
+    turns = count()
 
     def run(work, chunks):
+        turn = next(turns)
         for done in in_threads(work, chunks, settings.threads):
-            report(done / len(chunks))
+            report((turn + done / len(chunks)) / rounds)
 
     return run

@@ -23,6 +23,7 @@ from .inputs import (
     as_normals,
     as_points,
 )
+from .progress import Progress, silent
 from .sides import Sides, find_sides
 from .tree import spread_signs
 from .winding import NESTED, count_inconsistent
@@ -174,22 +175,24 @@ def find_orientation(
     nested: str = "cavity",
     threads: int | None = None,
     nearest: NearestNeighbors | None = None,
+    progress: Progress = silent,
 ) -> Orientation:
     """Return the Orientation of checked arrays; see `orient_normals`.
 
-    `nearest` are the neighbors of the very points, where someone has asked before.
+    `nearest` are the neighbors of the very points, where someone has asked before;
+    `progress` is called with the share done, 0 to 1.
     """
     as_choice(mode, MODES, name="orientation")
     as_choice(nested, NESTED, name="nested")
     if mode == "auto":
         mode = "poles" if faces is None else "faces"
     if mode == "poles":
-        found = _by_poles(points, normals, nested, threads, nearest)
+        found = _by_poles(points, normals, nested, threads, nearest, progress)
         if found is not None:
             return found
         mode = "propagate"
     if mode in ("propagate", "outward"):
-        return _by_pieces(points, normals, mode, graph)
+        return _by_pieces(points, normals, mode, graph, progress)
     if mode == "none":
         return _decided(normals, mode)
     if mode == "viewpoint":
@@ -242,7 +245,7 @@ def with_disagreement(found: Orientation, faces: IntArray, count: int) -> Orient
     )
 
 
-def _by_poles(points, normals, nested, threads, nearest):
+def _by_poles(points, normals, nested, threads, nearest, progress):
     """Orient by inside and outside; None where there is neither."""
     valid = (normals != 0).any(axis=1)
     rows = slice(None) if valid.all() else np.flatnonzero(valid)
@@ -251,6 +254,7 @@ def _by_poles(points, normals, nested, threads, nearest):
         normals[rows],
         nearest=nearest if valid.all() else None,
         workers=threads or -1,
+        progress=progress,
     )
     if sides is None:
         return None
@@ -287,14 +291,17 @@ def _warnings(sides: Sides) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _by_pieces(points, normals, mode, graph):
+def _by_pieces(points, normals, mode, graph, progress):
     """Orient each piece on its own, by propagation or away from its center."""
     if graph is None and len(points) > 1:
         graph = NeighborGraph.nearest(points, _NEIGHBORS)
     elif graph is None:
         graph = NeighborGraph.from_edges(len(points), [])
+    progress(0.3)
     edges, doubt, relation = _between_valid(graph, normals)
+    progress(0.5)
     tree, labels = spread_signs(len(points), edges, doubt, relation)
+    progress(0.9)
     if mode == "propagate":
         signs = tree * _looking_out(points, normals * tree[:, None], labels)[labels]
     else:

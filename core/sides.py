@@ -18,6 +18,7 @@ from .graph import NearestNeighbors
 from .inputs import FloatArray, IntArray
 from .mending import Surface, mend
 from .poles import label_poles
+from .progress import Progress, between, silent
 
 # Representatives at most: a triangulation takes about 50 microseconds for each.
 _MOST = 40_000
@@ -51,6 +52,10 @@ _STEEP = 0.25
 
 _CHUNK = 100_000
 _FIT_CHUNK = 2048
+
+# Where the progress stands when representatives are chosen, when they are smoothed,
+# and when the poles have spoken and been heard.
+_CHOSEN, _SMOOTHED, _HEARD = 0.15, 0.3, 0.9
 
 Result = TypeVar("Result")
 Other = TypeVar("Other")
@@ -91,6 +96,7 @@ def find_sides(
     nearest: NearestNeighbors | None = None,
     most: int = _MOST,
     workers: int = -1,
+    progress: Progress = silent,
 ) -> Sides | None:
     """Find the signs that turn normals outward.
 
@@ -104,6 +110,8 @@ def find_sides(
         About how many representatives are triangulated at most.
     workers : int
         Threads of the searches for neighbors; -1 takes all cores.
+    progress : callable
+        Called with the share done, 0 to 1, in the calling thread.
 
     Returns
     -------
@@ -123,8 +131,13 @@ def find_sides(
         apart = max(apart, 1.2 * spacing * np.sqrt(len(points) / most))
     chosen = representatives(points, apart, most)
     place, facing = points[chosen], normals[chosen]
+    progress(_CHOSEN)
     if noise:
-        place, facing = smooth(nearest, place, facing, reach, workers=workers)
+        told = between(progress, _CHOSEN, _SMOOTHED)
+        place, facing = smooth(
+            nearest, place, facing, reach, workers=workers, progress=told
+        )
+    progress(_SMOOTHED)
     solid, far = _solid(place, facing)
     if solid.sum() < _FEWEST:
         return None
@@ -132,7 +145,13 @@ def find_sides(
     def look():
         surface = Surface.through(place, facing)
         heard = Hearing.of(
-            nearest, normals, place, facing, noise=noise, workers=workers
+            nearest,
+            normals,
+            place,
+            facing,
+            noise=noise,
+            workers=workers,
+            progress=between(progress, _SMOOTHED, _HEARD),
         )
         return surface, heard, surface.pieces()[heard.index[:, 0]]
 
@@ -143,6 +162,7 @@ def find_sides(
     )
     if labels is None:
         return None
+    progress(_HEARD)
     said, clarity = np.ones(len(chosen), dtype=np.int8), np.zeros(len(chosen))
     said[solid], clarity[solid] = labels.signs, labels.clarity
     signs, sure = mend(surface, said, clarity, trust=0.3 if noise else 1.0)
@@ -275,6 +295,7 @@ def smooth(
     reach: float,
     *,
     workers: int = -1,
+    progress: Progress = silent,
 ) -> tuple[FloatArray, FloatArray]:
     """Project points onto quadratic fits to the cloud around them.
 
@@ -295,8 +316,9 @@ def smooth(
     some = place[:: max(1, len(place) // 200)]
     inside = np.median(tree.query_ball_point(some, reach, return_length=True))
     count = min(int(np.clip(inside, 12, 800)), len(nearest.points))
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS):
         for at in range(0, len(place), _FIT_CHUNK):
+            progress((turn + at / len(place)) / _ROUNDS)
             part = slice(at, at + _FIT_CHUNK)
             distance, index = tree.query(place[part], k=count, workers=workers)
             place[part], facing[part] = _project(
@@ -371,6 +393,7 @@ class Hearing:
         *,
         noise: float,
         workers: int = -1,
+        progress: Progress = silent,
     ) -> "Hearing":
         """Look for the representatives, at `place` with normals `facing`, (m, 3)."""
         points, order = nearest.points, nearest.order
@@ -379,6 +402,7 @@ class Hearing:
         all_weight = np.empty(shape, dtype=np.float32)
         tree = NearestNeighbors(place).tree
         for at in range(0, len(points), _CHUNK):
+            progress(at / len(points))
             # Points that are near each other ask the same leaves of the tree.
             part = order[at : at + _CHUNK]
             here = points[part]

@@ -106,3 +106,12 @@ def test_bad_input():
         delaunay_normals(points, parameters=points)
     with pytest.raises(InputError, match="at least 3"):
         delaunay_normals(points[:2])
+
+
+def test_delaunay_from_the_points_alone_says_how_far_it_is():
+    points, _, _ = shapes.TORUS.sample(50_000, 0, even=False)
+    seen = []
+    delaunay_normals(points, progress=seen.append)
+    assert seen == sorted(seen)
+    assert len(seen) > 2
+    assert 0 <= seen[0] < seen[-1] < 1

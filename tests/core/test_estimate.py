@@ -391,14 +391,58 @@ def test_settings_describe_themselves():
 # Progress
 
 
-def test_progress_rises_from_zero_to_one():
+def creased_points(count):
+    """Points at random on three faces of a cube."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, 1, (count, 3))
+    points[np.arange(count), rng.integers(0, 3, count)] = 0
+    return points
+
+
+def torus_points(count, noise):
+    points = shapes.TORUS.sample(count, 0, even=False)[0]
+    return points + noise * np.random.default_rng(0).normal(size=points.shape)
+
+
+@pytest.mark.parametrize("orientation", ["poles", "propagate"])
+@pytest.mark.parametrize(
+    "points",
+    [torus_points(20_000, 0.0), torus_points(8000, 0.03), creased_points(20_000)],
+    ids=["clean", "noisy", "creased"],
+)
+def test_progress_rises_from_zero_to_one(points, orientation):
+    """Through all stages: none begins before where the one before it ended."""
     seen = []
-    points, _, _ = shapes.TORUS.sample(20_000, 0, even=False)
-    estimate_normals(points, progress=seen.append)
+    settings = Settings(orientation=orientation)
+    estimate_normals(points, settings=settings, progress=seen.append)
     assert seen[0] == 0
     assert seen[-1] == 1
     assert seen == sorted(seen)
-    assert len(seen) > 4
+    fitting = [share for share in seen if share < 0.7]
+    assert len(fitting) > 4
+    # Not silent while the sides are found.
+    assert len([share for share in seen if 0.7 < share < 1]) > 2
+
+
+@pytest.mark.parametrize("orientation", ["poles", "propagate"])
+def test_raising_in_progress_cancels_the_search_for_sides(orientation):
+    class CancelledError(Exception):
+        pass
+
+    seen = []
+
+    def progress(share):
+        seen.append(share)
+        if share > 0.7:
+            raise CancelledError
+
+    with pytest.raises(CancelledError):
+        estimate_normals(
+            torus_points(5000, 0.0),
+            settings=Settings(orientation=orientation),
+            progress=progress,
+        )
+    assert 0.7 < seen[-1] < 1
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -15,6 +15,7 @@ BLENDER |= {"mathutils", "blf"}
 # A module of core imports only modules that stand before it here.
 CORE_ORDER = (
     "inputs",
+    "progress",
     "timescale",
     "surface",
     "faces",
