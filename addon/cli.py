@@ -6,8 +6,10 @@
 """
 
 import argparse
+import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -36,9 +38,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 done, 1 something could not be processed, 2 wrong usage, 3 normals deviate
         by more than `compare --fail-above` allows.
     """
-    # Not a command of its own: other runs start it.
-    if (sys.argv[1:] if argv is None else list(argv)) == ["worker"]:
-        return _work()
+    with _orderly_end():
+        # Not a command of its own: other runs start it.
+        if (sys.argv[1:] if argv is None else list(argv)) == ["worker"]:
+            return _work()
+        return _run(argv)
+
+
+def _run(argv: Sequence[str] | None) -> int:
     try:
         arguments = _parser().parse_args(argv)
     except SystemExit as stop:
@@ -57,6 +64,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{NAME}: stopped", file=sys.stderr)
         return FAILED
+
+
+@contextmanager
+def _orderly_end() -> Iterator[None]:
+    """Let a request to end clean up behind itself, as Ctrl-C does.
+
+    From the first moment on: where the system ends a process there is no cleaning up.
+    """
+
+    def stop(number: int, _frame: Any) -> None:
+        # A second request must not end the cleaning up.
+        signal.signal(number, signal.SIG_IGN)
+        sys.exit(FAILED)
+
+    try:
+        before = signal.signal(signal.SIGTERM, stop)
+    except ValueError:
+        # Signals are the main thread's.
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def register() -> None:

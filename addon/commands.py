@@ -4,10 +4,7 @@
 import argparse
 import json
 import os
-import signal
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -52,14 +49,13 @@ def run(arguments: argparse.Namespace, name: str) -> int:
         return _say_plan(tasks)
     progress = Progress(len(tasks), quiet=arguments.quiet)
     rows = []
-    with _orderly_end():
-        for row in _rows(tasks, arguments, progress, name):
-            rows.append(row)
-            _say(row, progress, arguments.command)
-            progress.step()
-        progress.close()
-        if arguments.report is not None:
-            _write_report(arguments, rows)
+    for row in _rows(tasks, arguments, progress, name):
+        rows.append(row)
+        _say(row, progress, arguments.command)
+        progress.step()
+    progress.close()
+    if arguments.report is not None:
+        _write_report(arguments, rows)
     return _exit_code(rows)
 
 
@@ -255,22 +251,3 @@ def _exit_code(rows: list[Row]) -> int:
     if any(row.get("check", {}).get("failed") for row in rows):
         return EXCEEDED
     return DONE
-
-
-@contextmanager
-def _orderly_end() -> Iterator[None]:
-    """Let a request to end clean up behind itself, as Ctrl-C does."""
-
-    def stop(_signal: int, _frame: Any) -> None:
-        sys.exit(FAILED)
-
-    try:
-        before = signal.signal(signal.SIGTERM, stop)
-    except ValueError:
-        # Signals are the main thread's.
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -306,12 +306,17 @@ def test_asked_to_end_it_cleans_up(tmp_path):
     save_sphere(tmp_path / "a.ply", 60_000)
     command = [sys.executable, "-m", "addon.cli", "estimate", str(tmp_path / "a.ply")]
     process = subprocess.Popen(
-        [*command, "-o", str(tmp_path / "b.ply")],
+        [*command, "-o", str(tmp_path / "b.ply"), "--memory", "500M"],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
-    time.sleep(1.0)
+    # The folder of the tiles is there for as long as the work takes.
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not list(tmp_path.rglob(".tiles-*")):
+        time.sleep(0.01)
+    # Asked twice it still cleans up.
+    process.send_signal(signal.SIGTERM)
     process.send_signal(signal.SIGTERM)
     _, told = process.communicate(timeout=60)
     assert process.returncode == 1
