@@ -2,6 +2,7 @@
 """Which files a command is to work on, and what each of them becomes."""
 
 import glob
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,18 +26,31 @@ def found_files(inputs: Sequence[str]) -> list[Path]:
     """Return the files that arguments stand for, in a fixed order, each once.
 
     A folder stands for all files in it of known formats, a pattern for what it
-    matches; what is not there stays, for the one who tries to read it to say so.
+    matches; where there are none it stays, for the one who tries to read it to say so.
+
+    Raises
+    ------
+    UsageError
+        When a name is empty.
     """
-    paths: dict[Path, None] = {}
+    paths: dict[str, Path] = {}
     for text in inputs:
-        paths |= dict.fromkeys(_expanded(text))
-    return list(paths)
+        for path in _expanded(text):
+            paths.setdefault(same_file(path), path)
+    return list(paths.values())
+
+
+def same_file(path: str | Path) -> str:
+    """Return what all spellings of a path have in common; links are others."""
+    return os.path.normcase(os.path.abspath(path))  # noqa: PTH100
 
 
 def _expanded(text: str) -> Iterable[Path]:
+    if not text:
+        raise UsageError("expected a file, a folder or a pattern, got an empty name")
     path = Path(text)
     if path.is_dir():
-        return _known(path.iterdir())
+        return _known(path.iterdir()) or [path]
     if not path.exists() and glob.has_magic(text):
         return _known(map(Path, glob.iglob(text, recursive=True))) or [path]  # noqa: PTH207
     return [path]
@@ -82,6 +96,8 @@ def pairs(
     sources = found_files(inputs)
     if output is None:
         return [Pair(source) for source in sources]
+    if not output:
+        raise UsageError("expected a file or a folder as output, got an empty name")
     one = len(inputs) == 1 and sources == [Path(inputs[0])]
     if one and not is_folder(output):
         return [Pair(sources[0], Path(output))]
@@ -109,12 +125,13 @@ def _name(source: Path, suffix: str | None, needs_normals: bool) -> str:
 
 
 def _apart(made: list[Pair]) -> Iterator[Pair]:
-    taken: dict[Path | None, Path] = {}
+    taken: dict[str, Path] = {}
     for pair in made:
-        if pair.target in taken:
+        assert pair.target is not None
+        other = taken.setdefault(same_file(pair.target), pair.source)
+        if other != pair.source:
             raise UsageError(
-                f"{taken[pair.target]} and {pair.source} would both become "
+                f"{other} and {pair.source} would both become "
                 f"{pair.target}: give them one by one, with an output for each"
             )
-        taken[pair.target] = pair.source
         yield pair

@@ -6,6 +6,7 @@
 """
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
+from textwrap import fill
 from types import ModuleType
 from typing import Any
 
@@ -20,6 +22,9 @@ NAME = "timescale_normals"
 DONE, FAILED, WRONG_USAGE, EXCEEDED = 0, 1, 2, 3
 
 _LEAST_MEMORY = 500 << 20
+
+# Of the help's own lines; argparse wraps the rest to the terminal.
+_WIDTH = 78
 
 _registered: list[Any] = []
 
@@ -38,6 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 done, 1 something could not be processed, 2 wrong usage, 3 normals deviate
         by more than `compare --fail-above` allows.
     """
+    _open_streams()
     with _orderly_end():
         # Not a command of its own: other runs start it.
         if (sys.argv[1:] if argv is None else list(argv)) == ["worker"]:
@@ -56,14 +62,28 @@ def _run(argv: Sequence[str] | None) -> int:
     try:
         return arguments.run(arguments)
     except wrong as error:
-        print(f"{NAME}: {error}", file=sys.stderr)
+        _complain(error)
         return WRONG_USAGE
     except (_part("addon.output").OutputError, _part("core").InputError) as error:
-        print(f"{NAME}: {error}", file=sys.stderr)
+        _complain(error)
         return FAILED
     except KeyboardInterrupt:
-        print(f"{NAME}: stopped", file=sys.stderr)
+        _complain("stopped")
         return FAILED
+
+
+def _complain(what: object) -> None:
+    _part("addon.progress").say(f"{NAME}: {what}", sys.stderr)
+
+
+def _open_streams() -> None:
+    """Give the process the streams that it was started without, to nowhere.
+
+    Else the first files that are opened would stand in for them.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115
 
 
 @contextmanager
@@ -124,8 +144,8 @@ def _add_estimate(commands: Any) -> None:
         "estimate normals and write the files with them",
         "Estimate the normals of point clouds and meshes. Files keep their points, "
         "colors and everything else, and get normals.",
+        example="estimate scans/*.ply -o normals/ --report report.json",
     )
-    _add_output(parser)
     large = parser.add_argument_group("clouds larger than memory (PLY, NPY, LAS, LAZ)")
     large.add_argument(
         "--memory",
@@ -149,8 +169,8 @@ def _add_repair(commands: Any) -> None:
         "wind the faces of meshes alike and outward, and estimate their normals",
         "Turn over the faces of meshes that wind against the others or look inward, "
         "and estimate the normals of the vertices.",
+        example="repair model.obj -o repaired.obj",
     )
-    _add_output(parser)
     _part("addon.options").add_settings(parser)
 
 
@@ -161,6 +181,8 @@ def _add_compare(commands: Any) -> None:
         "compare normals with Delaunay's and with those that count as right",
         "Compare normals with those of a Delaunay triangulation and, where --truth "
         "has them, with true ones. Nothing but a report and a picture is written.",
+        example="compare scan.ply --truth reference.ply --fail-above 5",
+        writes=False,
     )
     parser.add_argument(
         "--truth",
@@ -178,9 +200,9 @@ def _add_compare(commands: Any) -> None:
     parser.add_argument(
         "--fail-above",
         metavar="DEG",
-        type=_degrees,
-        help="exit with 3 when a normal is farther than that from the truth, or "
-        "without --truth from what it is compared with",
+        type=_part("addon.options").degrees,
+        help="exit with 3 when a normal is more degrees from the truth, or without "
+        "--truth from what it is compared with",
     )
     parser.add_argument(
         "--signed",
@@ -191,11 +213,25 @@ def _add_compare(commands: Any) -> None:
     _part("addon.options").add_settings(parser)
 
 
-def _add_on_files(commands: Any, name: str, text: str, description: str) -> Any:
+def _add_on_files(
+    commands: Any,
+    name: str,
+    text: str,
+    description: str,
+    *,
+    example: str,
+    writes: bool = True,
+) -> Any:
     """Add a command with the options that all commands on files share."""
     known = " ".join(_part("addon.files").FORMATS)
+    output = " -o OUTPUT" if writes else ""
     parser = commands.add_parser(
-        name, help=text, description=description, epilog=f"Files: {known}"
+        name,
+        help=text,
+        description=fill(description, _WIDTH),
+        usage=f"{NAME} {name} INPUT...{output} [options]",
+        epilog=f"example:\n  {NAME} {example}\n\n{fill(f'Files: {known}', _WIDTH)}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "inputs",
@@ -203,7 +239,11 @@ def _add_on_files(commands: Any, name: str, text: str, description: str) -> Any:
         nargs="+",
         help="files, folders, or patterns such as 'scans/*.ply'",
     )
-    parser.add_argument("--report", metavar="FILE.json", help="write what was found")
+    if writes:
+        _add_output(parser)
+    parser.add_argument(
+        "--report", metavar="FILE.json", help="write what was found, and what failed"
+    )
     parser.add_argument(
         "--image",
         metavar="FILE.png",
@@ -216,7 +256,9 @@ def _add_on_files(commands: Any, name: str, text: str, description: str) -> Any:
         default=1,
         help="files at a time, each in a process of its own (%(default)s)",
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace files")
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace files that are there already"
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors alone")
     parser.add_argument(
         "--dry-run", action="store_true", help="say what would be done, and do nothing"
@@ -236,7 +278,8 @@ def _add_output(parser: Any) -> None:
     parser.add_argument(
         "--format",
         metavar="EXT",
-        help="format of the files in a folder, such as ply; else each keeps its own",
+        help="format of the files in a folder, such as ply; by default each keeps its "
+        "own",
     )
     parser.add_argument(
         "--skip-existing",
@@ -318,16 +361,6 @@ def _size(text: str) -> int:
     return size
 
 
-def _degrees(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value <= 180:
-        raise argparse.ArgumentTypeError(f"expected degrees from 0 to 180, got {text}")
-    return value
-
-
 def _part(name: str) -> ModuleType:
     """A module of the extension, which is a package of any name when installed."""
     package = (__package__ or "").rpartition(".")[0]
@@ -358,7 +391,7 @@ def _progress_line(*, quiet: bool) -> Callable[[float, str], None]:
     def show(share: float, what: str) -> None:
         line = f"{share:4.0%}  {what}" if share < 1 else ""
         # Blender's own standard error may be something else than a terminal.
-        print(f"\r{line:60}\r", end="", file=sys.stderr, flush=True)
+        _part("addon.progress").put(f"\r{line:60}\r", sys.stderr)
 
     def hide(_share: float, _what: str) -> None:
         pass

@@ -43,10 +43,11 @@ def run(arguments: argparse.Namespace, name: str) -> int:
         needs_normals=arguments.command != "repair",
     )
     tasks = _tasks(arguments, planned, settings)
-    if arguments.report is not None:
-        _check_report(arguments)
+    _check_apart(tasks, arguments.report)
     if arguments.dry_run:
         return _say_plan(tasks)
+    if arguments.report is not None:
+        _check_report(arguments)
     progress = Progress(len(tasks), quiet=arguments.quiet)
     rows = []
     for row in _rows(tasks, arguments, progress, name):
@@ -164,13 +165,20 @@ def _say(row: Row, progress: Progress, command: str) -> None:
             lost = ", ".join(row["lost"])
             progress.line(f"{name}: warning: {row['output']} has no place for {lost}")
         if row.get("check", {}).get("failed"):
-            progress.error(f"{name}: {_EXCEEDED.format_map(row['check'])}")
+            progress.error(f"{name}: {_with_names(_EXCEEDED, row['check'])}")
 
 
 _EXCEEDED = (
-    "{above:,} of {compared:,} normals are more than {limit:g} degrees from the "
+    "{above:,} of {compared:,} normals are more than {limit:g} degrees from "
     "{reference}, {max:.3g} at most"
 )
+
+# What normals are held against, as it is called in a report and in a sentence.
+_AGAINST = {
+    "delaunay": "Delaunay's",
+    "estimate": "the estimate's",
+    "truth": "the true ones",
+}
 
 
 def _estimate_sentence(row: Row) -> str:
@@ -187,9 +195,8 @@ def _estimate_sentence(row: Row) -> str:
 
 def _compare_sentence(row: Row) -> str:
     if "objects" in row:
-        check = row["check"]
-        said = "{compared:,} normals at most {max:.3g} degrees from the {reference}'s"
-        return f"{len(row['objects'])} objects: {said.format_map(check)}"
+        said = "{compared:,} normals at most {max:.3g} degrees from {reference}"
+        return f"{len(row['objects'])} objects: {_with_names(said, row['check'])}"
     if "angle_estimate_rms" in row:
         said = (
             "RMS error {angle_estimate_rms:.3g} degrees, {baseline} "
@@ -197,12 +204,20 @@ def _compare_sentence(row: Row) -> str:
         )
     elif row["compared"]:
         said = (
-            "{angle_deviation_rms:.3g} degrees (RMS) from the {baseline} normals at "
+            "{angle_deviation_rms:.3g} degrees (RMS) from {baseline} at "
             "{compared:,} points, {angle_deviation_max:.3g} at most"
         )
     else:
         said = "no point has normals to compare"
-    return said.format_map(row)
+    return _with_names(said, row)
+
+
+def _with_names(sentence: str, facts: Row) -> str:
+    """Fill a sentence, and call what normals are held against by its name."""
+    names = {
+        key: _AGAINST[facts[key]] for key in ("baseline", "reference") if key in facts
+    }
+    return sentence.format_map(facts | names)
 
 
 def _repair_sentence(row: Row) -> str:
@@ -218,6 +233,23 @@ _SENTENCES: dict[str, Callable[[Row], str]] = {
 }
 
 
+def _check_apart(tasks: list[Task], report: str | None) -> None:
+    """Raise UsageError where a picture or the report would replace another file."""
+    taken = [path for task in tasks for path in (task.source, task.target) if path]
+    known = {batch.same_file(path) for path in taken}
+    pictures = [task.image for task in tasks if task.image is not None]
+    for path in pictures:
+        if Path(path).suffix.lower() != ".png":
+            raise batch.UsageError(f"expected a name that ends with .png, got {path}")
+    for path in [*pictures, report] if report is not None else pictures:
+        if batch.same_file(path) in known:
+            raise batch.UsageError(
+                f"expected another name for a picture or a report than {path}, "
+                "which is read or written too"
+            )
+        known.add(batch.same_file(path))
+
+
 def _check_report(arguments: argparse.Namespace) -> None:
     path = Path(arguments.report)
     # A report follows its run: one of a run that is taken up again replaces the last.
@@ -225,6 +257,9 @@ def _check_report(arguments: argparse.Namespace) -> None:
         raise OutputError(
             f"{path} is there already: give --overwrite to replace it, or another name"
         )
+    # Where it cannot be written it is better to know before hours of work.
+    with whole(path, overwrite=True):
+        pass
 
 
 def _write_report(arguments: argparse.Namespace, rows: list[Row]) -> None:

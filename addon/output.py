@@ -50,12 +50,15 @@ def staged(folder: Path, names: Iterable[str], *, overwrite: bool) -> Iterator[P
 def whole(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """Yield a path to write to; what is there becomes `path` when all went well.
 
+    A link stays one: the file that it stands for is replaced.
+
     Raises
     ------
     OutputError
         When the file is there already and may not be replaced, or its folder cannot
         be written to.
     """
+    path = path.resolve() if overwrite and path.is_symlink() else path
     with staged(path.parent, [path.name], overwrite=overwrite) as stage:
         yield stage / path.name
 

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a command says while it works: a bar on a terminal, plain lines in a log."""
 
+import os
 import sys
+from contextlib import suppress
+from pathlib import Path
 from typing import TextIO
 
 _WIDTH = 24
@@ -34,18 +37,18 @@ class Progress:
         filled = "#" * int(_WIDTH * whole)
         count = f"{self.done}/{self.total} " if self.total > 1 else ""
         line = f"[{filled:{_WIDTH}}] {whole:4.0%} {count}{name}"
-        print(f"\r{line:78.78}\r", end="", file=self.stream, flush=True)
+        put(f"\r{line:78.78}\r", self.stream)
 
     def line(self, text: str) -> None:
         """Say how a file went."""
         if not self.quiet:
             self._clear()
-            say(text)
+            say(_on_one_line(text))
 
     def error(self, text: str) -> None:
         """Say what went wrong, however quiet."""
         self._clear()
-        say(text, self.stream)
+        say(_on_one_line(text), self.stream)
 
     def step(self) -> None:
         """Count a file as done."""
@@ -58,11 +61,29 @@ class Progress:
 
     def _clear(self) -> None:
         if self._bar:
-            print(f"\r{'':78}\r", end="", file=self.stream, flush=True)
+            put(f"\r{'':78}\r", self.stream)
+
+
+def _on_one_line(text: str) -> str:
+    """Return text without what breaks lines, as names of files may."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def say(text: str, stream: TextIO | None = None) -> None:
-    """Print what may have letters that the stream's encoding does not."""
-    stream = stream or sys.stdout
+    """Print a line, whatever the stream."""
+    put(text + "\n", stream or sys.stdout)
+
+
+def put(text: str, stream: TextIO) -> None:
+    """Write to a stream that may lack letters, have nobody who reads it, or be full.
+
+    Work does not end because nobody listens.
+    """
     encoding = stream.encoding or "utf-8"
-    print(text.encode(encoding, "replace").decode(encoding), file=stream, flush=True)
+    try:
+        stream.write(text.encode(encoding, "replace").decode(encoding))
+        stream.flush()
+    except OSError:
+        # What is left in the buffer must not come up again at the end.
+        with suppress(OSError, ValueError), Path(os.devnull).open("w") as nowhere:
+            os.dup2(nowhere.fileno(), stream.fileno())

@@ -95,6 +95,7 @@ def attempt(task: Task, progress: Progress) -> dict[str, Any]:
     start = time.perf_counter()
     row: dict[str, Any] = {"input": task.source, "output": task.target}
     try:
+        files.check_is_file(Path(task.source))
         row |= {"status": "done"} | _COMMANDS[task.command](task, progress)
     except EXPECTED as error:
         # Somebody else, such as the rest of a run before, was faster.

@@ -20,6 +20,7 @@ from .inputs import (
     as_points,
     center_of,
     centered_parts,
+    check_size,
 )
 from .meshes import MeshNormals
 from .neighborhoods import Nearest, neighborhoods_of_all, unique_points
@@ -400,6 +401,7 @@ def _check_spread(points, center):
     size = max(np.abs(part).max() for part in centered_parts(points, center))
     if size == 0:
         raise InputError(f"expected points that differ, got {len(points)} in one place")
+    check_size(size)
     scaled = (part / size for part in centered_parts(points, center))
     spread = np.linalg.eigvalsh(sum(part.T @ part for part in scaled))
     # Twelve digits of a square are six of a width: single-precision coordinates of

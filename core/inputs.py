@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 # Rows of a part that is worked on by itself.
 _PART = 1 << 16
 
+# Sizes of clouds whose squares, and products of these, are numbers still.
+_LEAST_SIZE, _MOST_SIZE = 1e-70, 1e70
+
 # Shapes are said in the docstrings.
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
@@ -80,6 +83,15 @@ def snapped(center: FloatArray, size: float) -> FloatArray:
 def center_of(points: FloatArray) -> FloatArray:
     """Return the place that the coordinates of points (n, 3) are taken from."""
     return snapped(points.mean(axis=0), float(np.ptp(points, axis=0).max()))
+
+
+def check_size(size: float) -> None:
+    """Raise InputError where the size of a cloud is beyond what can be computed."""
+    if not _LEAST_SIZE < size < _MOST_SIZE:
+        raise InputError(
+            f"expected points that are {_LEAST_SIZE:g} to {_MOST_SIZE:g} apart, "
+            f"got {size:.3g}: scale them first"
+        )
 
 
 def as_numbers(values: ArrayLike, *, name: str) -> FloatArray:

@@ -2,6 +2,7 @@
 """Files of points and meshes, by the ends of their names; needs no Blender."""
 
 from dataclasses import dataclass, replace
+from glob import has_magic
 from importlib import import_module
 from pathlib import Path
 
@@ -76,6 +77,16 @@ def format_of(path: Path) -> Format:
     return found
 
 
+def check_is_file(path: Path) -> None:
+    """Raise FileError where there is no file that can be read more than once."""
+    if path.is_dir():
+        raise FileError(f"expected files of {', '.join(FORMATS)} in it, got none")
+    if path.exists() and not path.is_file():
+        raise FileError("expected a file, got a pipe or a device")
+    if not path.exists() and has_magic(str(path)):
+        raise FileError("no file matches the pattern")
+
+
 def read(path: Path) -> Shape:
     """Read a file.
 
@@ -84,6 +95,7 @@ def read(path: Path) -> Shape:
     FileError
         When it is not there, damaged, or needs a library that is not there.
     """
+    check_is_file(path)
     found = format_of(path)
     if found.needs_blender:
         raise FileError(f"expected points or one mesh, got a scene ({path.suffix})")

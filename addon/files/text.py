@@ -15,6 +15,8 @@ from .shape import COLORS, NORMALS, FileError, Shape, looks_unit
 
 # Latin-1 has a letter for every byte, so that comments survive in any encoding.
 _ENCODING = "latin-1"
+# What some programs write first, as it looks in Latin-1.
+_MARK = b"\xef\xbb\xbf".decode(_ENCODING)
 _COMMENT = ("#", "//", "%", "!")
 _SAME = {
     "easting": "x", "northing": "y", "elevation": "z",
@@ -45,6 +47,8 @@ class Table:
         The line that holds the names.
     end : str
         The end of the lines.
+    mark : str
+        What stands before the first line.
     """
 
     lines: list[str]
@@ -53,11 +57,14 @@ class Table:
     names: list[str]
     header: int | None
     end: str
+    mark: str
 
 
 def read(path: Path) -> Shape:
     """Read points with whatever stands behind them on their lines."""
     text = path.read_bytes().decode(_ENCODING)
+    mark = _MARK if text.startswith(_MARK) else ""
+    text = text.removeprefix(_MARK)
     end = "\r\n" if "\r\n" in text[:4096] else "\n"
     lines = [line.rstrip("\r") for line in text.split("\n")]
     rows = [
@@ -86,7 +93,7 @@ def read(path: Path) -> Shape:
     values = _numbers(lines, rows, delimiter, numeric)
     if len(names) != len(first):
         names = _guessed(values, numeric, len(first), path)
-    table = Table(lines, np.array(rows), delimiter, names, header, end)
+    table = Table(lines, np.array(rows), delimiter, names, header, end, mark)
     return _shape(table, dict(zip(numeric, values.T, strict=True)))
 
 
@@ -219,9 +226,11 @@ def write(path: Path, shape: Shape) -> None:
     table = shape.kept
     if isinstance(table, Table) and shape.suffix == path.suffix.lower():
         lines, end = _rewritten(table, shape.normals), table.end
+        mark = table.mark
     else:
-        lines, end = _new(path.suffix.lower(), shape), "\n"
+        lines, end, mark = _new(path.suffix.lower(), shape), "\n", ""
     with path.open("w", encoding=_ENCODING, errors="replace", newline="") as file:
+        file.write(mark)
         for at in range(0, len(lines), _ROWS):
             last = at + _ROWS >= len(lines)
             file.write(end.join(lines[at : at + _ROWS]) + ("" if last else end))
