@@ -66,7 +66,7 @@ def test_compare_object_by_object(tmp_path, capsys):
     save_scene(tmp_path / "a.glb")
     command = ["compare", str(tmp_path / "a.glb"), "--normals", "file"]
     assert cli.main([*command, "--truth", str(tmp_path / "a.glb")]) == 0
-    assert "0 degrees from the truth" in capsys.readouterr().out
+    assert "0 degrees from the true ones" in capsys.readouterr().out
     # Shaded smooth it has the means of faces, which the estimate is not quite.
     assert cli.main([*command, "--fail-above", "1e-9"]) == 3
     assert cli.main([*command, "--fail-above", "5"]) == 0
