@@ -14,6 +14,7 @@ from .faces import unit, vertex_normals
 from .graph import NearestNeighbors, delaunay_simplices
 from .inputs import FloatArray, InputError, as_faces, as_numbers, as_points
 from .progress import Progress, silent
+from .threads import in_threads
 
 # Candidates for the Delaunay star of a point. On even samples a star has six
 # vertices; on random ones, the farthest of its vertices is among the 24 nearest
@@ -81,14 +82,16 @@ def _star_normals(points, progress):
     nearest = NearestNeighbors(points)
     count = min(_CANDIDATES, len(points) - 1)
     result = np.zeros(points.shape)
-    done = 0
-    for rows in nearest.runs(count):
-        progress(done / len(points))
-        done += len(rows)
+
+    def work(rows):
         index, distance = nearest.neighbors(rows, count)
         reach = np.where(distance[:, -1] > 0, distance[:, -1], 1)
         offsets = np.stack([(a[index.T] - a[rows]) / reach for a in points.T])
         result[rows] = _star_normal(offsets)
+
+    runs = nearest.runs(count)
+    for done in in_threads(work, runs, None):
+        progress(done / len(runs))
     return result
 
 
