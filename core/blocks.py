@@ -8,11 +8,12 @@ distance alone. How far the picked points can be trusted to be all that there ar
 known for every block, and so is which points need a search of their own.
 """
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from .halves import sizes_of_halves
+from .halves import halved, sizes_of_halves
 from .inputs import BoolArray, FloatArray, IntArray
 
 # Points of a block, at most; blocks are halves of halves, down to this.
@@ -38,41 +39,105 @@ _BATCH = 1 << 17
 _USEFUL, _TRIAL = 0.5, 17
 
 
+@dataclass(frozen=True)
+class Found:
+    """The nearest points of m points, these included, nearest first.
+
+    Attributes
+    ----------
+    place : (m, count) int
+        Where they stand in the order.
+    distance : (m, count) float64
+    offsets : (3, count, m) float64
+        Their coordinates less those of the point.
+    certain : (m,) bool
+        Elsewhere a nearer point may be missing.
+    """
+
+    place: IntArray
+    distance: FloatArray
+    offsets: FloatArray
+    certain: BoolArray
+
+    @classmethod
+    def nothing(cls, points: int, count: int) -> "Found":
+        """Return room for what a search will find, for now with nothing certain."""
+        return cls(
+            np.zeros((points, count), dtype=np.int64),
+            np.zeros((points, count)),
+            np.zeros((3, count, points)),
+            np.zeros(points, dtype=bool),
+        )
+
+    def put(self, rows: IntArray | slice, found: "Found") -> None:
+        """Write what was found for some of the m points."""
+        self.place[rows], self.distance[rows] = found.place, found.distance
+        self.offsets[:, :, rows], self.certain[rows] = found.offsets, found.certain
+
+
 class Blocks:
     """Blocks of points in the order of a balanced tree.
 
     Parameters
     ----------
-    points : (3, n) float64
-        In that order, see `halves.halved`. A point is meant by its place in it.
+    points : (n, 3) float64
+    center : (3,), optional
+        Taken off the coordinates.
+    threads : int, optional
+
+    Attributes
+    ----------
+    order : (n,) int32
+        Which points stand where in the tree. A point is meant by its place there.
+    sizes, starts : (b,) and (b + 1,) int
+        Of the blocks.
+    least, most : int
+        Points of a block; they differ by one, if at all.
     """
 
-    def __init__(self, points: FloatArray) -> None:
-        self.points = points
-        self.sizes = sizes_of_halves(points.shape[1], LARGEST)[-1]
+    def __init__(
+        self,
+        points: FloatArray,
+        *,
+        center: FloatArray | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self._points, self._center = points, center
+        # Coordinates are not kept in order: who searches gathers those around.
+        coordinates, self.order = halved(
+            points, LARGEST, center=center, threads=threads
+        )
+        self.sizes = sizes_of_halves(len(points), LARGEST)[-1]
         self.starts = np.concatenate([[0], np.cumsum(self.sizes)])
-        low = np.minimum.reduceat(points, self.starts[:-1], axis=1)
-        high = np.maximum.reduceat(points, self.starts[:-1], axis=1)
-        self.centers = (low + high) / 2
-        self._boxes = low, high
+        self.least, self.most = int(self.sizes.min()), int(self.sizes.max())
+        self._boxes = _joined((coordinates, coordinates), self.starts[:-1])
+
+    @cached_property
+    def _near(self):
+        """The parents of blocks near each parent, see `_near_boxes`: few, and more."""
         levels = [self._boxes]
-        while low.shape[1] > 1:
-            every = np.arange(0, low.shape[1], _BRANCH)
-            low = np.minimum.reduceat(low, every, axis=1)
-            high = np.maximum.reduceat(high, every, axis=1)
-            levels.append((low, high))
+        while levels[-1][0].shape[1] > 1:
+            every = np.arange(0, levels[-1][0].shape[1], _BRANCH)
+            levels.append(_joined(levels[-1], every))
         # The one box of the last level is near itself, and nothing is beyond.
-        wide = near = np.zeros((1, 1), dtype=np.int64), np.array([np.inf])
+        wide = near = np.zeros((1, 1), dtype=np.int32), np.array([np.inf])
         for boxes in reversed(levels[1:-1]):
             near = _near_all(boxes, wide, _NEAR)
             wide = _near_all(boxes, wide, _NEAR_CREASES)
-        # Of the parents of blocks.
-        self._near, self._wide = near, wide
+        return near, wide
+
+    def at(self, places: IntArray) -> FloatArray:
+        """Return the coordinates of points, (3, ...) float64."""
+        points = np.moveaxis(np.take(self._points, self.order[places], axis=0), -1, 0)
+        if self._center is None:
+            return np.ascontiguousarray(points)
+        center = self._center.reshape(3, *(1 for _ in places.shape))
+        return np.subtract(points, center, order="C")
 
     def runs(self, count: int) -> IntArray:
         """Return where runs for `count` neighbors begin, and n at the end."""
         parents = max(1, _RUN * _RUN_COUNT // (_BRANCH * max(count, _RUN_COUNT)))
-        return np.append(self.starts[: -1 : parents * _BRANCH], self.points.shape[1])
+        return np.append(self.starts[: -1 : parents * _BRANCH], self.starts[-1])
 
     def between(self, start: int, end: int) -> IntArray | None:
         """Return the blocks of a run; None where others than whole runs are meant."""
@@ -91,144 +156,193 @@ class Blocks:
             return True
         middle = len(self.sizes) // 2 // _BRANCH * _BRANCH
         blocks = np.arange(middle, min(middle + _RUN, len(self.sizes)))
-        _, _, certain = self.search(blocks, _TRIAL)
-        return bool(certain.mean() > _USEFUL)
+        return bool(self.search(blocks, _TRIAL).certain.mean() > _USEFUL)
 
-    def search(
-        self, blocks: IntArray, count: int
-    ) -> tuple[IntArray, FloatArray, BoolArray]:
-        """Return the nearest points of every point of a run, itself included.
-
-        Returns
-        -------
-        place : (m, count) int, nearest first
-        distance : (m, count) float64
-        certain : (m,) bool
-            Elsewhere a nearer point may be missing.
-        """
-        size = self.sizes.mean()
+    def search(self, blocks: IntArray, count: int) -> Found:
+        """Return the nearest points of all points of a run."""
+        size = len(self.order) / len(self.sizes)
         # A disk around the block that holds the neighbors of all its points; a margin
         # for uneven ones.
         wanted = int(1.2 * (np.sqrt(count) + 1.25 * np.sqrt(size)) ** 2)
-        parents = slice(blocks[0] // _BRANCH, blocks[-1] // _BRANCH + 1)
-        place, _, trusted = self._around(
-            self.centers[:, blocks],
-            [of_parents[parents] for of_parents in self._near],
-            wanted,
+        near, trusted = self._near[0]
+        together = len(self.sizes) // len(trusted)
+        parents = np.arange(blocks[0] // together, blocks[-1] // together + 1)
+        known = np.union1d(near[parents], parents)
+        numbers = _children(known, together).ravel()
+        centers = sum(corner[:, blocks] for corner in self._boxes) / 2
+        near, trusted = _near_boxes(
+            (centers, centers),
+            [corner[:, numbers] for corner in self._boxes],
+            np.searchsorted(known, near[parents]),
+            trusted[parents],
             _touched(wanted, size),
         )
-        if place.shape[1] < count:
-            return _nobody(self.sizes[blocks].sum(), count)
-        return self._picked(blocks, place, trusted, count)
+        # Many of the blocks near a parent are near none of its own.
+        own = np.searchsorted(numbers, blocks)
+        used = np.zeros(len(numbers), dtype=bool)
+        used[near] = used[own] = True
+        region = _Region(self, numbers[used])
+        near, own = ((np.cumsum(used) - 1)[a] for a in (near, own))
+        slot, _, trusted = region.nearest(centers, near, trusted, wanted)
+        if slot.shape[1] < count:
+            return Found.nothing(self.sizes[blocks].sum(), count)
+        return region.picked(own, centers, slot, trusted, count)
 
-    def search_each(
-        self, places: IntArray, count: int
-    ) -> tuple[IntArray, FloatArray, BoolArray]:
-        """Return the nearest points of any points, each searched for by itself.
-
-        Returns what `search` does, in the order of the (m,) places asked for.
-        """
-        parents = (np.searchsorted(self.starts, places, side="right") - 1) // _BRANCH
-        found = _nobody(len(places), count)
-        touched = _touched(_SPARE * count, self.sizes.mean())
+    def search_each(self, places: IntArray, count: int) -> Found:
+        """Return the nearest points of any points, each searched for by itself."""
+        found = Found.nothing(len(places), count)
+        near, trusted = self._near[1]
+        together = len(self.sizes) // len(trusted)
+        parents = (np.searchsorted(self.starts, places, side="right") - 1) // together
+        touched = _touched(_SPARE * count, len(self.order) / len(self.sizes))
         step = max(1, _BATCH // max(_BRANCH * _NEAR_CREASES, touched * LARGEST))
         for at in range(0, len(places), step):
             part = slice(at, at + step)
-            place, distance, trusted = self._around(
-                self.points[:, places[part]],
-                [of_parents[parents[part]] for of_parents in self._wide],
-                count,
-                touched,
+            centers, above = self.at(places[part]), parents[part]
+            around, trust = _near_boxes(
+                (centers, centers), self._boxes, near[above], trusted[above], touched
             )
-            if place.shape[1] == count:
-                certain = distance[:, -1] <= trusted
-                for all_of, some in zip(found, (place, distance, certain), strict=True):
-                    all_of[part] = some
+            numbers, around = _numbered(around)
+            region = _Region(self, numbers)
+            slot, distance, trust = region.nearest(centers, around, trust, count)
+            if slot.shape[1] == count:
+                offsets = region.offsets(slot, centers)
+                certain = distance[:, -1] <= trust
+                place = np.take(region.place, slot)
+                found.put(part, Found(place, distance, offsets, certain))
         return found
 
-    def _around(self, centers, near, wanted, touched):
+
+class _Region:
+    """Some blocks with their points, in arrays that stay in the cache.
+
+    Attributes
+    ----------
+    points : (3, b, w) float64
+    place : (b, w) int
+        Of the points in the order.
+    missing : (b,) bool
+        Whether a block has a point less than others: its first stands in the end too.
+    """
+
+    def __init__(self, blocks, numbers):
+        self.least, width = blocks.least, blocks.most
+        self.missing = blocks.sizes[numbers] < width
+        self.place = blocks.starts[numbers][:, None] + np.arange(width)
+        self.place[self.missing, -1] -= width - 1
+        self.points = blocks.at(self.place)
+
+    def nearest(self, centers, near, trusted, wanted):
         """Find the points nearest to centers.
 
         Parameters
         ----------
-        centers : (3, b)
-        near : (p, q) int and (p,)
-            Parents near the centers and how far they are all, see `_near_boxes`.
-        wanted, touched : int
-            How many points of how many blocks.
+        centers : (3, c)
+        near : (c, q) int, trusted : (c,)
+            Blocks near the centers, and the distance to which these are all.
+        wanted : int
 
         Returns
         -------
-        place : (b, w) int, distance : (b, w), nearest first
-            w is `wanted`, or less where there are no more points to choose from.
-        trusted : (b,)
+        slot : (c, s) int, nearest first
+            Where the points stand among those of the region. s is `wanted`, or less
+            where there are no more points to choose from.
+        distance : (c, s)
+        trusted : (c,)
             The distance to which these are all that there are.
         """
-        near, trusted = _near_boxes(
-            (centers, centers), self._boxes, near[0], near[1], touched
-        )
-        place, missing = self._members(near)
-        square = np.zeros(place.shape)
+        width = self.points.shape[2]
+        square = np.zeros((*near.shape, width))
         for along, center in zip(self.points, centers, strict=True):
-            away = np.take(along, place)
-            away -= center[:, None]
+            away = np.take(along, near, axis=0)
+            away -= center[:, None, None]
             away *= away
             square += away
-        square[missing] = np.inf
+        square[..., -1][self.missing[near]] = np.inf
         # One more is there, and tells how far away the next is at least.
-        wanted = min(wanted, near.shape[1] * self.sizes.min() - 1)
-        least, square = _least(square, wanted + 1)
-        place = np.take_along_axis(place, least[:, :-1], axis=1)
+        wanted = min(wanted, near.shape[1] * self.least - 1)
+        least, square = _least(square.reshape(len(near), -1), wanted + 1)
+        slots = near[..., None] * width + np.arange(width)
+        least += np.arange(len(near))[:, None] * (near.shape[1] * width)
         distance = np.sqrt(square)
-        return place, distance[:, :-1], np.minimum(trusted, distance[:, -1])
+        slot = np.take(slots, least[:, :-1])
+        return slot, distance[:, :-1], np.minimum(trusted, distance[:, -1])
 
-    def _members(self, blocks):
-        """Return the points of (b, c) blocks in (b, c * largest) places."""
-        column = np.arange(self.sizes.max())
-        shape = (len(blocks), -1)
-        missing = column >= self.sizes[blocks][..., None]
-        place = self.starts[blocks][..., None] + np.where(missing, 0, column)
-        return place.reshape(shape), missing.reshape(shape)
+    def picked(self, own, centers, slot, trusted, count):
+        """Pick the nearest of the candidates of each point of a run.
 
-    def _picked(self, blocks, place, trusted, count):
-        """Pick the nearest of the candidates of each point."""
-        start = self.starts[blocks[0]]
-        total = self.starts[blocks[-1] + 1] - start
-        own, missing = self._members(blocks[:, None])
-        centers = self.centers[:, blocks, None]
+        Parameters
+        ----------
+        own : (b,) int
+            The blocks of the run.
+        centers : (3, b), slot : (b, s) int, trusted : (b,)
+            What `nearest` was asked and has found.
+        """
         # |a - b|^2 = |a|^2 - 2 a b + |b|^2 in one product of matrices.
-        left = np.empty((*own.shape, 5))
-        right = np.empty((len(blocks), 5, place.shape[1]))
-        here = np.take(self.points, own, axis=1) - centers
-        away = np.take(self.points, place, axis=1) - centers
-        left[..., :3] = np.moveaxis(-2 * here, 0, -1)
-        left[..., 3] = (here * here).sum(axis=0)
-        left[..., 4] = 1
+        here = np.take(self.points, own, axis=1) - centers[:, :, None]
+        away = self.at(slot) - centers[:, :, None]
+        left = np.ones((len(slot), 5, here.shape[2]))
+        right = np.ones((len(slot), 5, slot.shape[1]))
+        np.multiply(here.swapaxes(0, 1), -2, out=left[:, :3])
+        np.einsum("ibw,ibw->bw", here, here, out=left[:, 3])
         right[:, :3] = away.swapaxes(0, 1)
-        right[:, 3] = 1
-        right[:, 4] = (away * away).sum(axis=0)
-        found = np.empty((total, count), dtype=np.int64)
-        distance = np.empty((total, count))
-        certain = np.empty(total, dtype=bool)
-        step = max(1, _BATCH // (own.shape[1] * place.shape[1]))
-        for at in range(0, len(blocks), step):
+        np.einsum("ibs,ibs->bs", away, away, out=right[:, 4])
+        reach = trusted[:, None] - np.sqrt(left[:, 3])
+        found = np.empty((*here.shape[1:], count), dtype=np.int64)
+        distance = np.empty(found.shape)
+        step = max(1, _BATCH // (here.shape[2] * slot.shape[1]))
+        for at in range(0, len(slot), step):
             part = slice(at, at + step)
-            square = left[part] @ right[part]
-            least, square = _least(np.maximum(square, 0, out=square), count)
-            least += np.arange(len(least))[:, None, None] * place.shape[1]
-            reach = trusted[part, None] - np.sqrt(left[part, :, 3])
-            there = ~missing[part]
-            done = slice(own[at, 0] - start, own[part][-1].max() + 1 - start)
-            np.sqrt(square[there], out=distance[done])
-            np.take(place[part], least[there], out=found[done])
-            certain[done] = distance[done, -1] <= reach[there]
-        return found, distance, certain
+            square = left[part].swapaxes(1, 2) @ right[part]
+            # Of a point with itself rounding may leave less than nothing.
+            least, square = _least(np.abs(square, out=square), count)
+            least += (np.arange(len(least)) * slot.shape[1])[:, None, None]
+            np.take(slot[part], least, out=found[part], mode="clip")
+            np.sqrt(square, out=distance[part])
+        once = np.ones(here.shape[1:], dtype=bool)
+        once[self.missing[own], -1] = False
+        once = np.flatnonzero(once)
+        slot, distance = (
+            np.take(a.reshape(-1, count), once, axis=0) for a in (found, distance)
+        )
+        own = np.take(self.points, own, axis=1).reshape(3, -1)[:, once]
+        return Found(
+            np.take(self.place, slot),
+            distance,
+            self.offsets(slot, own),
+            distance[:, -1] <= reach.ravel()[once],
+        )
+
+    def at(self, slot):
+        """Return the coordinates of points, (3, ...)."""
+        return np.stack([np.take(along, slot) for along in self.points])
+
+    def offsets(self, slot, centers):
+        """Return the coordinates of points (m, s) less centers (3, m), (3, s, m)."""
+        # In this order neighbor by neighbor, as patches want them.
+        offsets = self.at(np.ascontiguousarray(slot.T))
+        offsets -= centers[:, None]
+        return offsets
 
 
-def _nobody(points, count):
-    """Return the result of a search that has found nothing for certain."""
-    shape = (points, count)
-    return np.zeros(shape, int), np.zeros(shape), np.zeros(points, dtype=bool)
+def _joined(boxes, starts):
+    """Return the boxes that hold the boxes from each start to the next."""
+    low, high = boxes
+    return (
+        np.minimum.reduceat(low, starts, axis=1),
+        np.maximum.reduceat(high, starts, axis=1),
+    )
+
+
+def _numbered(numbers):
+    """Return the different numbers, increasing, and which of them each is."""
+    known, which = np.unique(numbers, return_inverse=True)
+    return known, which.reshape(numbers.shape)
+
+
+def _children(parents, together):
+    """Return the boxes below boxes, of which each has so many, (..., together)."""
+    return parents[..., None] * together + np.arange(together)
 
 
 def _touched(wanted, size):
@@ -261,29 +375,33 @@ def _near_boxes(boxes, others, near, trusted, count):
 
     Returns
     -------
-    near : (b, count) int, trusted : (b,)
+    near : (b, count) int32, trusted : (b,)
     """
     parents, together = len(near), boxes[0].shape[1] // len(near)
-    children = (near[..., None] * _BRANCH + np.arange(_BRANCH)).reshape(parents, -1)
     # All numbers of boxes are powers of two: only the root may have fewer children.
-    children = children[:, : others[0].shape[1]]
+    branch = min(_BRANCH, others[0].shape[1])
+    children = _children(near, branch).reshape(parents, -1)
     square = np.zeros((parents, together, children.shape[1]))
     gap, above = np.empty((2, *square.shape))
+    nothing = np.zeros(children.shape[1])
     grouped = (corner.reshape(3, parents, together, 1) for corner in boxes)
-    for low, high, others_low, others_high in zip(*grouped, *others, strict=True):
-        np.subtract(np.take(others_low, children)[:, None], high, out=gap)
-        np.subtract(low, np.take(others_high, children)[:, None], out=above)
+    below = (corner.reshape(3, -1, branch) for corner in others)
+    for low, high, others_low, others_high in zip(*grouped, *below, strict=True):
+        other = np.take(others_low, near, axis=0).reshape(parents, 1, -1)
+        np.subtract(other, high, out=gap)
+        other = np.take(others_high, near, axis=0).reshape(parents, 1, -1)
+        np.subtract(low, other, out=above)
         np.maximum(gap, above, out=gap)
-        np.maximum(gap, 0, out=gap)
+        np.maximum(gap, nothing, out=gap)
         gap *= gap
         square += gap
     width = children.shape[1]
     trusted = np.repeat(trusted, together)
     if width <= count:
-        return np.repeat(children, together, axis=0), trusted
+        return np.repeat(children.astype(np.int32), together, axis=0), trusted
     place, square = _least(square.reshape(-1, width), count + 1)
     first = np.repeat(np.arange(parents) * width, together)[:, None]
-    near = np.take(children, place[:, :-1] + first)
+    near = np.take(children.astype(np.int32), place[:, :-1] + first)
     return near, np.minimum(trusted, np.sqrt(square[:, -1]))
 
 

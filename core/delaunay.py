@@ -84,9 +84,8 @@ def _star_normals(points, progress):
     result = np.zeros(points.shape)
 
     def work(rows):
-        index, distance = nearest.neighbors(rows, count)
-        reach = np.where(distance[:, -1] > 0, distance[:, -1], 1)
-        offsets = np.stack([(a[index.T] - a[rows]) / reach for a in points.T])
+        offsets, distance = nearest.offsets(rows, count)
+        offsets /= np.where(distance[:, -1] > 0, distance[:, -1], 1)
         result[rows] = _star_normal(offsets)
 
     runs = nearest.runs(count)

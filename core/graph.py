@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .blocks import LARGEST, Blocks
-from .halves import halved
+from .blocks import Blocks, Found
 from .inputs import FloatArray, InputError, IntArray, as_faces, as_points
 
 # scipy.spatial and scipy.sparse take longer to import than the rest of the core;
@@ -55,8 +54,8 @@ class NearestNeighbors:
         return self._given if self._center is None else self._given - self._center
 
     @cached_property
-    def _halved(self):
-        return halved(self._given, LARGEST, center=self._center, threads=self._threads)
+    def _blocks(self):
+        return Blocks(self._given, center=self._center, threads=self._threads)
 
     @property
     def order(self) -> IntArray:
@@ -65,12 +64,7 @@ class NearestNeighbors:
         Those near one another in space stand together: work in this order gathers
         from memory that is close.
         """
-        return self._halved[1]
-
-    @property
-    def sorted(self) -> FloatArray:
-        """(3, n) float64, the coordinates in that order, each axis on its own."""
-        return self._halved[0]
+        return self._blocks.order
 
     @cached_property
     def rank(self) -> IntArray:
@@ -89,13 +83,11 @@ class NearestNeighbors:
                 self._tree = cKDTree(self.points)
         return self._tree
 
-    @cached_property
-    def _blocks(self):
-        return Blocks(self.sorted)
-
     def runs(self, count: int) -> list[IntArray]:
         """Return all rows, run by run: so asked for, `count` neighbors come faster."""
         starts = self._blocks.runs(count)
+        # Found out once, and not by every thread that asks first.
+        _ = self._blocks.useful
         self._starts |= zip(
             self.order[starts[:-1]].tolist(), starts.tolist(), strict=False
         )
@@ -121,29 +113,40 @@ class NearestNeighbors:
         distance : (m, count) float64
             Zero where the point itself stands in.
         """
-        _, place, distance = self.places(rows, count, radius=radius)
-        return np.take(self.order, place).astype(np.int64), distance
+        found = self._found(rows, count)
+        index = np.take(self.order, found.place).astype(np.int64)
+        if radius is None:
+            return index, found.distance
+        far = found.distance > radius
+        return (
+            np.where(far, np.asarray(rows)[:, None], index),
+            np.where(far, 0.0, found.distance),
+        )
 
-    def places(
+    def offsets(
         self, rows: IntArray, count: int, *, radius: float | None = None
-    ) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return the same as `neighbors`, as places in the order.
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return where the neighbors are, seen from the point.
+
+        Parameters are those of `neighbors`.
 
         Returns
         -------
-        own : (m,) int
-            The places of the points themselves.
-        place : (m, count) int
+        offsets : (3, count, m) float64
         distance : (m, count) float64
+            Both zero for neighbors beyond the radius.
         """
-        own, blocks = self._places_of(rows)
-        place, distance = self._nearest(own, blocks, count + 1)
-        place, distance = _without_self(own, place, distance)
+        found = self._found(rows, count)
+        offsets, distance = found.offsets, found.distance
         if radius is not None:
-            far = distance > radius
-            place = np.where(far, own[:, None], place)
-            distance = np.where(far, 0.0, distance)
-        return own, place, distance
+            within = distance <= radius
+            offsets, distance = offsets * within.T, distance * within
+        return offsets, distance
+
+    def toward(self, index: IntArray, rows: IntArray) -> FloatArray:
+        """Return where points (k, m) are, seen from rows (m,): (3, k, m) float64."""
+        away = np.take(self._given, index, axis=0) - self._given[rows]
+        return np.ascontiguousarray(np.moveaxis(away, -1, 0))
 
     def others(self, count: int, points: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return distance and index of the nearest but the first, 2 x (m, count).
@@ -157,6 +160,21 @@ class NearestNeighbors:
         distance, index = (np.asarray(a)[:, 1:] for a in found)
         return distance, index
 
+    def _found(self, rows, count):
+        """Return the Found of rows (m,), each without itself."""
+        own, blocks = self._places_of(rows)
+        if not self._blocks.useful:
+            found = self._found_in_tree(own, count + 1)
+        elif blocks is None:
+            found = self._blocks.search_each(own, count + 1)
+        else:
+            found = self._blocks.search(blocks, count + 1)
+        for search in (self._blocks.search_each, self._found_in_tree):
+            left = np.flatnonzero(~found.certain)
+            if len(left):
+                found.put(left, search(own[left], count + 1))
+        return self._without_self(own, found)
+
     def _places_of(self, rows):
         """Return the places of rows (m,), and the blocks of which they are a run."""
         start = self._starts.get(int(rows[0])) if len(rows) else None
@@ -166,47 +184,25 @@ class NearestNeighbors:
                 return np.arange(start, end), self._blocks.between(start, end)
         return self.rank[rows], None
 
-    def _nearest(self, own, blocks, count):
-        """Return the nearest places and their distances, (m, count), of places (m,)."""
-        if not self._blocks.useful:
-            return self._found_in_tree(own, count)
-        if blocks is None:
-            place, distance, certain = self._blocks.search_each(own, count)
-        else:
-            place, distance, certain = self._blocks.search(blocks, count)
-            place, distance, certain = _filled(
-                (place, distance, certain),
-                lambda left: self._blocks.search_each(own[left], count),
-            )
-        return _filled(
-            (place, distance, certain),
-            lambda left: (*self._found_in_tree(own[left], count), True),
-        )[:2]
-
     def _found_in_tree(self, own, count):
-        here = self.sorted[:, own].T
-        distance, index = self.tree.query(here, k=np.arange(1, count + 1))
-        return self.rank[index], distance
+        here = self._blocks.at(own)
+        distance, index = self.tree.query(here.T, k=np.arange(1, count + 1))
+        place = self.rank[index].astype(np.int64)
+        offsets = self._blocks.at(place.T) - here[:, None]
+        return Found(place, distance, offsets, np.ones(len(own), dtype=bool))
 
-
-def _filled(found, search):
-    """Search again for what is not certain: found is place, distance, certain."""
-    left = np.flatnonzero(~found[-1])
-    if len(left):
-        for all_of, some in zip(found, search(left), strict=True):
-            all_of[left] = some
-    return found
-
-
-def _without_self(own, place, distance):
-    """Drop each point from its own row; a twin may stand before it."""
-    if (place[:, 0] == own).all():
-        return place[:, 1:], distance[:, 1:]
-    here = place == own[:, None]
-    # More than `count` twins push the point out of its row: drop the last then.
-    here[~here.any(axis=1), -1] = True
-    shape = (len(own), place.shape[1] - 1)
-    return place[~here].reshape(shape), distance[~here].reshape(shape)
+    def _without_self(self, own, found):
+        """Drop each point from its own row; a twin may stand before it."""
+        place, distance, offsets = found.place, found.distance, found.offsets
+        if (place[:, 0] == own).all():
+            return Found(place[:, 1:], distance[:, 1:], offsets[:, 1:], found.certain)
+        here = place == own[:, None]
+        # More than `count` twins push the point out of its row: drop the last then.
+        here[~here.any(axis=1), -1] = True
+        shape = (len(own), place.shape[1] - 1)
+        offsets = np.stack([along.T[~here].reshape(shape).T for along in offsets])
+        place, distance = (a[~here].reshape(shape) for a in (place, distance))
+        return Found(place, distance, offsets, found.certain)
 
 
 class NeighborGraph:

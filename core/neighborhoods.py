@@ -152,15 +152,9 @@ class Nearest(_Source):
         return self.nearest.runs(self.settings.neighbors)
 
     def _offsets(self, rows):
-        own, place, distance = self.nearest.places(
+        offsets, distance = self.nearest.offsets(
             rows, self.settings.neighbors, radius=self.settings.radius
         )
-        at = np.ascontiguousarray(place.T)
-        offsets = np.empty((3, *at.shape))
-        for axis, along in enumerate(self.nearest.sorted):
-            # Not "raise", which would make a copy of the result first.
-            np.take(along, at, out=offsets[axis], mode="clip")
-            offsets[axis] -= along[own]
         # Nearest come first, but for those that a radius leaves out.
         within = self.settings.radius is None
         reach = distance[:, -1].copy() if within else distance.max(axis=1)

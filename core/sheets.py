@@ -167,7 +167,7 @@ def separate(
     candidates = np.empty((len(order), count), dtype=np.int32)
 
     def look_up(part):
-        candidates[part] = nearest.places(order[part], count)[1]
+        candidates[part] = nearest.neighbors(order[part], count)[0]
 
     run(look_up, parts)
     now = normals.copy()
@@ -177,15 +177,14 @@ def separate(
         after = before.copy()
 
         def work(part, stage=stage, after=after):
-            own, place = order[part], candidates[part].T
-            index = nearest.order[place]
+            own, index = order[part], candidates[part].T
             # Nothing changes for a point around which nothing has.
             active = turned[own] | turned[index].any(axis=0)
             if not active.any():
                 return
-            own, place, index = own[active], place[:, active], index[:, active]
+            own, index = own[active], index[:, active]
             others = None if stage == 0 else now[index]
-            around = _look_around(nearest, own, place, others)
+            around = _look_around(nearest, own, index, others)
             found, agreeing = _one_stage(around, now[own], tolerance, stage)
             accepted = (agreeing >= _AGREEING) | hopeless[part][active]
             after[part][active] = np.where(accepted[:, None], found.T, normals[own])
@@ -197,11 +196,10 @@ def separate(
     return now
 
 
-def _look_around(nearest, rows, place, neighbors):
+def _look_around(nearest, rows, index, neighbors):
     """Gather candidates in units of the farthest."""
     dtype = precision(len(nearest))
-    here = nearest.sorted[:, nearest.rank[rows]]
-    offsets = np.take(nearest.sorted, place, axis=1) - here[:, None]
+    offsets = nearest.toward(index, rows)
     distance = np.sqrt((offsets * offsets).sum(axis=0))
     reach = np.where(distance[-1] > 0, distance[-1], 1)
     offsets, distance = ((a / reach).astype(dtype) for a in (offsets, distance))

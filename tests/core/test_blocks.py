@@ -47,13 +47,13 @@ def test_runs_have_the_neighbors_of_single_searches(name, count):
 
 def test_what_is_certain_on_a_surface():
     points = CLOUDS["surface"]
-    blocks = Blocks(NearestNeighbors(points).sorted)
+    blocks = Blocks(points)
     assert blocks.sizes.max() <= LARGEST
-    _, _, certain = blocks.search(np.arange(len(blocks.sizes)), 17)
-    assert certain.mean() > 0.95
+    found = blocks.search(np.arange(len(blocks.sizes)), 17)
+    assert found.certain.mean() > 0.95
     assert blocks.useful
 
 
 def test_blocks_know_where_they_are_of_no_use():
     points = CLOUDS["volume"]
-    assert not Blocks(NearestNeighbors(points).sorted).useful
+    assert not Blocks(points).useful
