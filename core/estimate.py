@@ -18,9 +18,9 @@ from .inputs import (
     IntArray,
     as_faces,
     as_points,
-    center_of,
     centered_parts,
     check_size,
+    extent_of,
 )
 from .meshes import MeshNormals
 from .neighborhoods import Nearest, neighborhoods_of_all, unique_points
@@ -64,11 +64,11 @@ class Estimate:
     noise : float
         Of the points, a standard deviation in object units: what the residuals say,
         the median over all patches; of a mesh by method "auto" what it shows itself.
-    confidence : (n,) float64
+    confidence : (n,) float32
         How far each normal is to be trusted, 0 to 1: 1 / (1 + e^2 / 100), e being the
         root mean square error expected of points like it, in degrees; of a mesh's
         vertex how far its faces turn from the normal. Zero where not valid.
-    scale : (n,) float64
+    scale : (n,) float32
         The reach of the patches that the normal is made from, in object units; of a
         mesh's vertex the length of its longest edge.
     orientation : Orientation
@@ -226,8 +226,9 @@ def estimate_normals(
             f"expected at least {LEAST_NEIGHBORS + 1} points, one and the "
             f"{LEAST_NEIGHBORS} neighbors that a patch needs, got {len(points)}"
         )
-    _check_spread(points, points.mean(axis=0))
-    center = center_of(points)
+    extent = extent_of(points)
+    _check_spread(points, extent)
+    center = extent.center
     settings = _about(asked, center, points)
     if settings.method == "paper":
         settings = replace(settings, weights="paper", sheets=False)
@@ -320,8 +321,9 @@ def _joined(parted, points, vertex, fans):
 
 def _of_whole_mesh(points, faces, asked, report):
     """Estimate the normals of a mesh that nothing parts."""
-    center = points.mean(axis=0)
-    _check_spread(points, center)
+    extent = extent_of(points)
+    _check_spread(points, extent)
+    center = extent.mean
     settings = _about(asked, center, points)
     if settings.method == "paper":
         settings = replace(settings, weights="paper", sheets=False)
@@ -348,27 +350,31 @@ def _as_asked(estimate, asked):
 def _estimate(points, faces, settings, report, *, center=None):
     """Estimate and orient the normals of points that differ, less their center."""
     told = between(report, _FOUND, _FITTED)
-    found = from_patches(points, faces, settings, told, center=center)
+    found, source = from_patches(points, faces, settings, told, center=center)
     settings, mesh, normals = found.settings, found.mesh, found.field.normals
     report(_FITTED)
     told = between(report, _FITTED, 1.0)
-    orientation = _sides(points, normals, faces, settings, found.source, told)
+    orientation = _sides(points, normals, faces, settings, source, told)
     report(1.0)
-    if mesh is None:
+    # The order of so many points takes memory that the rest of the result needs.
+    del source
+    if mesh is not None:
+        normals = normals * orientation.signs[:, None]
+    elif orientation.mode != "none":
         # Nobody else has these: no second copy of so many.
         normals *= orientation.signs[:, None]
-    else:
-        normals = normals * orientation.signs[:, None]
+    confidence = found.field.confidence
+    confidence[~found.valid] = 0
     return Estimate(
         normals,
         found.valid,
         replace(settings, orientation=orientation.mode),
-        None if found.fitted is None else found.fitted.condition,
+        found.condition,
         0 if mesh is None else mesh.from_faces,
         found.separated,
         found.noise,
-        np.where(found.valid, found.field.confidence, 0.0),
-        found.field.scale.astype(np.float64),
+        confidence,
+        found.field.scale,
         orientation,
         mesh=mesh,
     )
@@ -396,13 +402,13 @@ def _sides(points, normals, faces, settings, source, progress):
     )
 
 
-def _check_spread(points, center):
+def _check_spread(points, extent):
     """Raise InputError when all points are in one place or on one line."""
-    size = max(np.abs(part).max() for part in centered_parts(points, center))
+    size = extent.size
     if size == 0:
         raise InputError(f"expected points that differ, got {len(points)} in one place")
     check_size(size)
-    scaled = (part / size for part in centered_parts(points, center))
+    scaled = (part / size for part in centered_parts(points, extent.mean))
     spread = np.linalg.eigvalsh(sum(part.T @ part for part in scaled))
     # Twelve digits of a square are six of a width: single-precision coordinates of
     # a line are rounded by a tenth of that.

@@ -38,21 +38,18 @@ class Found:
 
     Attributes
     ----------
-    fitted : Fitted or None
-        Patches of one size; None where noise had patches of many blended at once.
+    condition : (n,) float64 or None
+        See Estimate.
     mesh : MeshNormals or None
         Where there are faces.
-    source : Nearest or Rings
-        Where the neighbors were looked up.
     """
 
     field: Field
     valid: BoolArray
     settings: Settings
-    source: Nearest | Rings
     noise: float
     separated: int = 0
-    fitted: Fitted | None = None
+    condition: FloatArray | None = None
     mesh: MeshNormals | None = None
 
 
@@ -63,15 +60,23 @@ def from_patches(
     report: Progress,
     *,
     center: FloatArray | None = None,
-) -> Found:
-    """Return the normals of points that differ, less their center."""
+) -> tuple[Found, Nearest | Rings]:
+    """Return the normals of points that differ, less their center, and neighborhoods.
+
+    What the neighbors were looked up with takes memory as long as somebody holds it.
+    """
     source, settings = neighborhoods(points, faces, asked, center=center)
     if faces is not None:
-        return _of_mesh(points, faces, source, settings, report)
-    if not (isinstance(source, Nearest) and _is_automatic(asked, len(points))):
+        return _of_mesh(points, faces, source, settings, report), source
+    return _of_points(asked, source, settings, report), source
+
+
+def _of_points(asked, source, settings, report):
+    """Return what the patches of points give."""
+    if not (isinstance(source, Nearest) and _is_automatic(asked, source.count)):
         fitted, field, separated = _of_one_size(source, report)
-        valid, noise = fitted.valid, fitted.noise
-        return Found(field, valid, settings, source, noise, separated, fitted)
+        valid, noise, condition = fitted.valid, fitted.noise, fitted.condition
+        return Found(field, valid, settings, noise, separated, condition)
     nearest = source.nearest
     level, noise = noise_in_spacings(nearest)
     # Where the points are few the surface bends as noise does; there, however, the
@@ -80,27 +85,27 @@ def from_patches(
     if level >= NOISY_FROM and wide:
         field = estimate_noisy(nearest, level, noise, _runner(settings, report, 2))
         valid = (field.normals != 0).any(axis=1)
-        return Found(field, valid, settings, source, noise)
+        return Found(field, valid, settings, noise)
     fitted, field, separated = _of_one_size(source, report)
     run = _runner(settings, between(report, _PARTED, 1.0), 2)
     rows = unsettled(fitted.misfit, fitted.valid)
     field = refine_exact(nearest, field, fitted.misfit, rows, run)
     valid, noise = fitted.valid, fitted.noise
-    return Found(field, valid, settings, source, noise, separated, fitted)
+    return Found(field, valid, settings, noise, separated)
 
 
 def _of_mesh(points, faces, source, settings, report):
     """Return what the patches and faces of a mesh give."""
     if settings.method == "auto":
-        fitted = None
+        condition = None
         mesh = choose_normals(points, faces, lambda: fit_all(source, report))
     else:
         fitted = fit_all(source, report)
-        mesh = with_faces(points, faces, fitted)
+        mesh, condition = with_faces(points, faces, fitted), fitted.condition
     triangles = Triangles(points, faces)
     turned = triangles.fan_width(mesh.normals)
     field = Field(mesh.normals, error_of_misfit(turned), _longest_edges(points, faces))
-    return Found(field, mesh.valid, settings, source, mesh.noise, 0, fitted, mesh)
+    return Found(field, mesh.valid, settings, mesh.noise, 0, condition, mesh)
 
 
 def _longest_edges(points, faces):

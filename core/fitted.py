@@ -9,6 +9,10 @@ from .inputs import BoolArray, FloatArray
 from .threads import in_threads
 
 
+# The noise is the median over so many patches, or all where there are fewer.
+_NOISE_OF = 1_000_000
+
+
 @dataclass(frozen=True)
 class Fitted:
     """What the patches of all points say: see Estimate and Patches, rows (n,)."""
@@ -27,7 +31,9 @@ def fit_all(source, report):
     chunks = source.chunks()
     n = source.count
     normals, valid = np.zeros((n, 3)), np.zeros(n, dtype=bool)
-    misfit, reach, noise = (np.zeros(n, dtype=np.float32) for _ in range(3))
+    misfit, reach = (np.zeros(n, dtype=np.float32) for _ in range(2))
+    noise: list[FloatArray] = []
+    every = -(-n // _NOISE_OF)
     condition = np.full(n, np.inf) if source.paper else None
 
     def work(rows):
@@ -36,12 +42,12 @@ def fit_all(source, report):
         valid[rows] = patches.valid
         misfit[rows] = patches.misfit
         reach[rows] = patches.reach
-        noise[rows] = patches.noise
+        noise.append(patches.noise[patches.valid][::every])
         if condition is not None:
             condition[rows] = patches.condition
 
     for done in in_threads(work, chunks, source.settings.threads):
         report(done / len(chunks))
-    known = noise[valid]
+    known = np.concatenate(noise)
     middle = float(np.median(known, overwrite_input=True)) if len(known) else 0.0
     return Fitted(normals, valid, misfit, reach, middle, condition)

@@ -2,6 +2,7 @@
 """The border of the core: what may come in, and the one error that says what did."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,10 @@ def as_points(points: ArrayLike, *, least: int = 1, name: str = "points") -> Flo
         raise InputError(f"expected {name} of shape (n, 3), got {array.shape}")
     if len(array) < least:
         raise InputError(f"expected at least {least} {name}, got {len(array)}")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = array.sum()
+    # One number tells that all are finite; a sum of finite ones may not be.
+    bad = [] if np.isfinite(total) else np.flatnonzero(~np.isfinite(array).all(axis=1))
     if len(bad):
         raise InputError(
             f"expected finite {name}, got nan or infinite coordinates in "
@@ -80,9 +84,34 @@ def snapped(center: FloatArray, size: float) -> FloatArray:
     return np.round(center / step) * step
 
 
-def center_of(points: FloatArray) -> FloatArray:
-    """Return the place that the coordinates of points (n, 3) are taken from."""
-    return snapped(points.mean(axis=0), float(np.ptp(points, axis=0).max()))
+@dataclass(frozen=True)
+class Extent:
+    """Where points are: mean, least and largest coordinates, (3,) float64 each."""
+
+    mean: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    @property
+    def size(self) -> float:
+        """The largest extent along an axis."""
+        return float((self.high - self.low).max())
+
+    @property
+    def center(self) -> FloatArray:
+        """The place that coordinates are taken from, (3,)."""
+        return snapped(self.mean, self.size)
+
+
+def extent_of(points: FloatArray) -> Extent:
+    """Return the Extent of points (n, 3)."""
+    # Axis by axis: reductions along three columns take ten times as long.
+    found = []
+    for at in range(0, len(points), _PART):
+        part = points[at : at + _PART].T.copy()
+        found.append([part.sum(axis=1), part.min(axis=1), part.max(axis=1)])
+    total, low, high = np.moveaxis(np.array(found), 1, 0)
+    return Extent(total.sum(axis=0) / len(points), low.min(axis=0), high.max(axis=0))
 
 
 def check_size(size: float) -> None:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from .graph import NearestNeighbors, NeighborGraph
-from .inputs import FloatArray, InputError, IntArray, center_of, centered_parts
+from .inputs import FloatArray, InputError, IntArray, centered_parts, extent_of
 from .patch import LEAST_NEIGHBORS, Patches, fit_patches, precision
 from .scale import choose_scale
 from .settings import PATCHES, Settings
@@ -86,7 +86,7 @@ def neighborhoods_of_all(
         The row of the source that each point is.
     """
     place: IntArray = np.arange(len(points))
-    points = points - center_of(points)
+    points = points - extent_of(points).center
     kept, inverse = unique_points(points) if faces is None else (None, None)
     if kept is not None and inverse is not None:
         points, place = points[kept], inverse

@@ -62,7 +62,7 @@ class Orientation:
         What "auto" became.
     pieces : int
         Connected pieces that were oriented each on its own.
-    confidence : (n,) float64
+    confidence : (n,) float
         0 (a guess) to 1 (all evidence agrees); 1 where a guide decided.
     disagreeing : float
         Share of the neighbors on one smooth surface that face opposite sides.
@@ -208,8 +208,8 @@ def _decided(normals, mode, directions=None):
     signs: IntArray = np.ones(len(normals), dtype=np.int8)
     if directions is not None:
         signs = agreeing(normals, directions)
-    sure = (normals != 0).any(axis=1).astype(np.float64)
-    return Orientation(signs, mode, 0, sure)
+    x, y, z = normals.T != 0
+    return Orientation(signs, mode, 0, (x | y | z).astype(np.float32))
 
 
 def _by_faces(points, normals, faces):

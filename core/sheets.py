@@ -51,6 +51,10 @@ _ROUNDS = 3
 STAGES = 1 + _ROUNDS
 _REWEIGHTINGS = 3
 
+# How many agreeing candidates the patches of each stage reach to: fewer equations are
+# needed once the neighbors' slopes add two each.
+_REACH = (len(CUBIC) + 2, *[len(CUBIC) - 1] * _ROUNDS)
+
 # What a neighbor's slopes weigh beside its height, when neighbors are chosen and in the
 # patch that counts; they are known five times less well than heights.
 _SLOPES_CHOOSING, _SLOPES_FITTING, _SLOPE_TOLERANCE = 0.3, 0.1, 5.0
@@ -97,8 +101,11 @@ class _Around:
         """Return the same for `count` starts of every point, start by start."""
         if count == 1:
             return self
-        arrays = (getattr(self, field.name) for field in fields(self))
-        return _Around(*(_side_by_side(array, count) for array in arrays))
+        return _each(self, lambda array: np.concatenate([array] * count, axis=-1))
+
+    def only(self, columns):
+        """Return the same for some of the points, (m,) bool."""
+        return _some(self, columns)
 
 
 @dataclass(frozen=True)
@@ -108,6 +115,23 @@ class _Consensus:
     normals: FloatArray
     score: FloatArray
     consent: FloatArray
+
+    def only(self, columns):
+        """Return the same for some of the points, (m,) bool."""
+        return _some(self, columns)
+
+
+def _some(batch, columns):
+    if columns.all():
+        return batch
+    at = np.flatnonzero(columns)
+    return _each(batch, lambda array: np.take(array, at, axis=-1))
+
+
+def _each(batch, change):
+    """Return a batch with every array changed."""
+    arrays = (getattr(batch, field.name) for field in fields(batch))
+    return type(batch)(*(a if a is None else change(a) for a in arrays))
 
 
 def suspects(
@@ -185,9 +209,15 @@ def separate(
             own, index = own[active], index[:, active]
             others = None if stage == 0 else now[index]
             around = _look_around(nearest, own, index, others)
-            found, agreeing = _one_stage(around, now[own], tolerance, stage)
+            best = _agreed(around, now[own], tolerance, stage)
+            agreeing = best.consent.sum(axis=0)
             accepted = (agreeing >= _AGREEING) | hopeless[part][active]
-            after[part][active] = np.where(accepted[:, None], found.T, normals[own])
+            found = normals[own]
+            if accepted.any():
+                around, best = around.only(accepted), best.only(accepted)
+                patch = _patch_of_agreeing(around, best, _REACH[stage], tolerance / 2)
+                found[accepted] = patch.T
+            after[part][active] = found
 
         run(work, parts)
         turned[:] = False
@@ -212,24 +242,14 @@ def _look_around(nearest, rows, index, neighbors):
     return _Around(offsets, directions, distance, nearness, neighbors, mirrored)
 
 
-def _side_by_side(array, count):
-    return None if array is None else np.concatenate([array] * count, axis=-1)
-
-
-def _one_stage(around, normals, tolerance, stage):
-    """Return new normals (3, m) and how many candidates agree with them, (m,)."""
+def _agreed(around, normals, tolerance, stage):
+    """Return the consensus that a stage comes to."""
     own = np.ascontiguousarray(normals.T, dtype=around.offsets.dtype)
     if stage == 0:
         starts = np.stack([own, *_planes(around)], axis=1)
-        best = _best_consensus(around, starts, None, tolerance, QUADRATIC)
-        reach = len(CUBIC) + 2
-    else:
-        terms = CUBIC if stage == _ROUNDS else QUADRATIC
-        best = _best_consensus(around, None, own, tolerance, terms)
-        # Fewer equations are needed where the neighbors' slopes add two each.
-        reach = len(CUBIC) - 1
-    found = _patch_of_agreeing(around, best, reach, tolerance / 2)
-    return found, best.consent.sum(axis=0)
+        return _best_consensus(around, starts, None, tolerance, QUADRATIC)
+    terms = CUBIC if stage == _ROUNDS else QUADRATIC
+    return _best_consensus(around, None, own, tolerance, terms)
 
 
 def _planes(around):

@@ -114,4 +114,4 @@ def test_delaunay_from_the_points_alone_says_how_far_it_is():
     delaunay_normals(points, progress=seen.append)
     assert seen == sorted(seen)
     assert len(seen) > 2
-    assert 0 <= seen[0] < seen[-1] < 1
+    assert 0 <= seen[0] < seen[-1] <= 1
