@@ -9,10 +9,11 @@ References
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .chart import principal_axes
+from .chart import along, principal_axes
 from .faces import unit, vertex_normals
 from .graph import NearestNeighbors, delaunay_simplices
 from .inputs import FloatArray, InputError, as_faces, as_numbers, as_points
+from .patch import precision
 from .progress import Progress, silent
 from .threads import in_threads
 
@@ -20,6 +21,9 @@ from .threads import in_threads
 # vertices; on random ones, the farthest of its vertices is among the 24 nearest
 # points in all but a few of a thousand cases.
 _CANDIDATES = 24
+
+# Stars that are closed drop out once they are more than a quarter.
+_CROWDED = 0.75
 
 
 def delaunay_normals(
@@ -82,11 +86,12 @@ def _star_normals(points, progress):
     nearest = NearestNeighbors(points)
     count = min(_CANDIDATES, len(points) - 1)
     result = np.zeros(points.shape)
+    dtype = precision(len(points))
 
     def work(rows):
         offsets, distance = nearest.offsets(rows, count)
         offsets /= np.where(distance[:, -1] > 0, distance[:, -1], 1)
-        result[rows] = _star_normal(offsets)
+        result[rows] = _star_normal(offsets.astype(dtype, copy=False))
 
     runs = nearest.runs(count)
     for done in in_threads(work, runs, None):
@@ -97,16 +102,18 @@ def _star_normals(points, progress):
 def _star_normal(offsets):
     """Return N_D at the origin of each star, (m, 3), from (3, k, m) candidates."""
     offsets = _without_twins(offsets)
-    count = np.count_nonzero((offsets != 0).any(axis=0), axis=0)
+    count = np.count_nonzero(np.einsum("ikm,ikm->km", offsets, offsets), axis=0)
     u, v, _, spans = principal_axes(offsets, count)
     # Single precision is enough to tell who is next: its rounding only decides
     # between triangles that are equally good.
-    x, y = (
-        np.einsum("im,ikm->km", axis, offsets).astype(np.float32) for axis in (u, v)
-    )
+    x, y = (along(axis, offsets).astype(np.float32) for axis in (u, v))
     total = np.zeros(u.shape)
     for rows, a, b in _star(x, y):
-        total[:, rows] += np.cross(offsets[:, a, rows], offsets[:, b, rows], axis=0)
+        ax, ay, az = offsets[:, a, rows]
+        bx, by, bz = offsets[:, b, rows]
+        area = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        for axis, part in zip(total, area, strict=True):
+            axis[rows] += part
     return np.where(spans[:, None], unit(total.T), 0)
 
 
@@ -148,21 +155,31 @@ def _star(x, y):
 def _walk(x, y, square, rows, first):
     """Walk counterclockwise from `first`; return the rows that come to a border."""
     border = [rows[:0]]
-    here = first
+    here, walking = first, np.ones(len(rows), dtype=bool)
+    cross, cotangent, product = np.empty((3, *x.shape), dtype=x.dtype)
     for _ in range(len(x)):
         column = np.arange(len(rows))
         ax, ay = x[here, column], y[here, column]
-        cross = ax * y - ay * x
+        np.multiply(ax, y, out=cross)
+        cross -= np.multiply(ay, x, out=product)
+        # Of the angle under which a point sees the edge, where it is to the left.
+        np.subtract(square, np.multiply(ax, x, out=product), out=cotangent)
+        cotangent -= np.multiply(ay, y, out=product)
         left = cross > 0
-        # The cotangent of the angle under which a point sees the edge.
-        cotangent = (square - ax * x - ay * y) / np.where(left, cross, 1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cotangent /= cross
         after = np.where(left, cotangent, np.inf).argmin(axis=0)
-        on = left[after, column]
+        on = left[after, column] & walking
         yield rows[on], here[on], after[on]
-        border.append(rows[~on])
-        on &= after != first
-        if not on.any():
+        border.append(rows[walking & ~on])
+        walking = on & (after != first)
+        here = after
+        count = np.count_nonzero(walking)
+        if not count:
             break
-        x, y, square = x[:, on], y[:, on], square[:, on]
-        rows, first, here = rows[on], first[on], after[on]
+        if count < _CROWDED * len(rows):
+            x, y, square = x[:, walking], y[:, walking], square[:, walking]
+            cross, cotangent, product = np.empty((3, *x.shape), dtype=x.dtype)
+            rows, first, here = rows[walking], first[walking], here[walking]
+            walking = np.ones(count, dtype=bool)
     return np.concatenate(border)

@@ -8,7 +8,6 @@ import numpy as np
 from .inputs import BoolArray, FloatArray
 from .threads import in_threads
 
-
 # The noise is the median over so many patches, or all where there are fewer.
 _NOISE_OF = 1_000_000
 

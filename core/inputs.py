@@ -50,8 +50,8 @@ def as_points(points: ArrayLike, *, least: int = 1, name: str = "points") -> Flo
     with np.errstate(over="ignore", invalid="ignore"):
         total = array.sum()
     # One number tells that all are finite; a sum of finite ones may not be.
-    bad = [] if np.isfinite(total) else np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if len(bad):
+    if not np.isfinite(total) and not np.isfinite(array).all():
+        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
         raise InputError(
             f"expected finite {name}, got nan or infinite coordinates in "
             f"{len(bad)} of {len(array)} rows (the first is row {bad[0]})"
