@@ -32,6 +32,9 @@ _RUN, _RUN_COUNT = _BRANCH**2, 16
 # looks through blocks of so many times the points it wants.
 _SPARE = 4
 
+# Searching for all points of a block is worth it when one of so many is asked for.
+_ASKED = 6
+
 # Numbers in an array of distances at a time.
 _BATCH = 1 << 17
 
@@ -68,6 +71,13 @@ class Found:
             np.zeros((3, count, points)),
             np.zeros(points, dtype=bool),
         )
+
+    def only(self, rows: IntArray) -> "Found":
+        """Return the same for some of the points."""
+        place, distance = (
+            np.take(a, rows, axis=0) for a in (self.place, self.distance)
+        )
+        return Found(place, distance, self.offsets[:, :, rows], self.certain[rows])
 
     def put(self, rows: IntArray | slice, found: "Found") -> None:
         """Write what was found for some of the m points."""
@@ -159,14 +169,17 @@ class Blocks:
         return bool(self.search(blocks, _TRIAL).certain.mean() > _USEFUL)
 
     def search(self, blocks: IntArray, count: int) -> Found:
-        """Return the nearest points of all points of a run."""
+        """Return the nearest points of all points of blocks (b,), increasing."""
         size = len(self.order) / len(self.sizes)
         # A disk around the block that holds the neighbors of all its points; a margin
         # for uneven ones.
         wanted = int(1.2 * (np.sqrt(count) + 1.25 * np.sqrt(size)) ** 2)
         near, trusted = self._near[0]
         together = len(self.sizes) // len(trusted)
-        parents = np.arange(blocks[0] // together, blocks[-1] // together + 1)
+        parents = blocks // together
+        if np.array_equal(blocks, _children(parents[::together], together).ravel()):
+            # All blocks of their parents look at the same ones.
+            parents = parents[::together]
         known = np.union1d(near[parents], parents)
         numbers = _children(known, together).ravel()
         centers = sum(corner[:, blocks] for corner in self._boxes) / 2
@@ -187,6 +200,17 @@ class Blocks:
         if slot.shape[1] < count:
             return Found.nothing(self.sizes[blocks].sum(), count)
         return region.picked(own, centers, slot, trusted, count)
+
+    def search_some(self, places: IntArray, count: int) -> Found:
+        """Return the nearest points of any points, in blocks where many are asked."""
+        of_points = np.searchsorted(self.starts, places, side="right") - 1
+        blocks, which = np.unique(of_points, return_inverse=True)
+        sizes = self.sizes[blocks]
+        if _ASKED * len(places) < sizes.sum():
+            return self.search_each(places, count)
+        before = np.cumsum(sizes) - sizes
+        rows = before[which] + places - self.starts[of_points]
+        return self.search(blocks, count).only(rows)
 
     def search_each(self, places: IntArray, count: int) -> Found:
         """Return the nearest points of any points, each searched for by itself."""

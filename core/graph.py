@@ -166,7 +166,7 @@ class NearestNeighbors:
         if not self._blocks.useful:
             found = self._found_in_tree(own, count + 1)
         elif blocks is None:
-            found = self._blocks.search_each(own, count + 1)
+            found = self._blocks.search_some(own, count + 1)
         else:
             found = self._blocks.search(blocks, count + 1)
         for search in (self._blocks.search_each, self._found_in_tree):
