@@ -74,10 +74,12 @@ class Found:
 
     def only(self, rows: IntArray) -> "Found":
         """Return the same for some of the points."""
-        place, distance = (
-            np.take(a, rows, axis=0) for a in (self.place, self.distance)
+        return Found(
+            np.take(self.place, rows, axis=0),
+            np.take(self.distance, rows, axis=0),
+            np.take(self.offsets, rows, axis=2),
+            self.certain[rows],
         )
-        return Found(place, distance, self.offsets[:, :, rows], self.certain[rows])
 
     def put(self, rows: IntArray | slice, found: "Found") -> None:
         """Write what was found for some of the m points."""
