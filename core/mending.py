@@ -12,9 +12,14 @@ from .tree import spread_signs
 # Neighbors are one smooth surface when the line between them leaves their mean tangent
 # plane, and their normals turn, by less than this.
 _SLOPE = 0.08
-_TURN = 0.99
+_TURN = 0.98
 # Slopes at which neighbors begin not to be heard.
 _SCALE = (0.005, 0.12)
+# Points less sure than this of their side ask more neighbors: sheets that touch part
+# with the square of the distance, so that those farther off tell them apart.
+_UNSURE = 0.3
+_NEIGHBORS, _MORE_NEIGHBORS = 10, 32
+_ROUNDS = 2
 # A point is inside a smooth surface when this share of its neighbors is.
 _INSIDE = 0.65
 # Smooth surfaces of this many points speak with one voice, if the votes of their poles
@@ -27,13 +32,13 @@ _CUT = 0.6
 
 @dataclass(frozen=True)
 class Surface:
-    """How each of m points and its k neighbors lie on one surface, (m, k) each.
+    """How points, all m of a cloud or some, and k neighbors lie on one surface.
 
     Attributes
     ----------
-    index : int
-    cosine : float64, between the normals as given
-    slope : float64, of the line between the points over their mean tangent plane
+    index : (m, k) int
+    cosine : (m, k) float64, between the normals as given
+    slope : (m, k) float64, of the line between the points over their mean tangent plane
     """
 
     index: IntArray
@@ -43,12 +48,21 @@ class Surface:
     @classmethod
     def through(cls, place: FloatArray, facing: FloatArray) -> "Surface":
         """Look at the ten nearest of each point (m, 3) with its normal (m, 3)."""
-        distance, index = NearestNeighbors(place).others(min(10, len(place) - 1), place)
+        return cls.around(np.arange(len(place)), place, facing, _NEIGHBORS)
+
+    @classmethod
+    def around(
+        cls, rows: IntArray, place: FloatArray, facing: FloatArray, count: int
+    ) -> "Surface":
+        """Look at the nearest of some of the points (n, 3) with normals (n, 3)."""
+        here, own = place[rows], facing[rows]
+        nearest = NearestNeighbors(place)
+        distance, index = nearest.others(min(count, len(place) - 1), here)
         theirs = facing[index]
-        cosine = np.einsum("mkc,mc->mk", theirs, facing)
-        mean = np.where(cosine < 0, -1, 1)[..., None] * theirs + facing[:, None]
+        cosine = np.einsum("mkc,mc->mk", theirs, own)
+        mean = np.where(cosine < 0, -1, 1)[..., None] * theirs + own[:, None]
         length = np.sqrt(2 + 2 * np.abs(cosine))
-        height = np.einsum("mkc,mkc->mk", place[index] - place[:, None], mean)
+        height = np.einsum("mkc,mkc->mk", place[index] - here[:, None], mean)
         slope = np.abs(height) / np.maximum(length * distance, 1e-300)
         return cls(index, cosine, slope)
 
@@ -78,6 +92,8 @@ class Surface:
 
 def mend(
     surface: Surface,
+    place: FloatArray,
+    facing: FloatArray,
     signs: IntArray,
     clarity: FloatArray,
     *,
@@ -88,7 +104,9 @@ def mend(
     Parameters
     ----------
     surface : Surface
-        Of m points.
+        Through `place` and `facing`.
+    place, facing : (m, 3) float64
+        Points and normals as given.
     signs : (m,) int8
     clarity : (m,) float64
         How clearly the poles said so; 0 where they were not asked.
@@ -106,22 +124,40 @@ def mend(
     Where sheets cross or touch, inside and outside change places and the poles are
     right about that; a surface that goes on through the crossing keeps its side. So
     smooth parts of the surface decide as one, by the sum of the votes of their poles,
-    and signs spread from them to the points between.
+    and signs spread from them to the points between. Last, every point listens to the
+    neighbors on its own sheet, and to more of them where it is not sure.
     """
     common, settled = _parts(surface, signs, clarity)
     new = _spread(surface, common, settled, clarity, trust)
     clarity = np.where(new == signs, clarity, 0.1)
+    new, sure = _listen(surface, np.arange(len(new)), new, clarity)
+    unsure = np.flatnonzero(sure < _UNSURE)
+    if len(unsure):
+        wider = Surface.around(unsure, place, facing, _MORE_NEIGHBORS)
+        new, sure[unsure] = _listen(wider, unsure, new, clarity)
+    return new, sure
+
+
+def _listen(surface, rows, signs, clarity):
+    """Let some points take the side of the neighbors on their own sheet.
+
+    Returns
+    -------
+    signs : (m,) int8, of all points
+    sure : float64, 0 to 1, of the points in `rows`
+    """
+    signs = signs.copy()
     # Where two sheets touch, the neighbors on a point's own are those of least slope.
     least = np.partition(surface.slope, 1, axis=1)[:, 1:2]
     scale = np.clip(2 * least, *_SCALE)
     weight = np.exp(-((surface.slope / scale) ** 2)) * surface.cosine**2
-    for _ in range(2):
-        own = new * (0.05 + clarity)
-        heard = (weight * np.sign(surface.cosine) * own[surface.index]).sum(axis=1)
-        value = heard + own
-        new = np.where(value < 0, -1, 1).astype(np.int8)
+    for _ in range(_ROUNDS):
+        said = signs * (0.05 + clarity)
+        heard = (weight * np.sign(surface.cosine) * said[surface.index]).sum(axis=1)
+        value = heard + said[rows]
+        signs[rows] = np.where(value < 0, -1, 1)
     sure = np.abs(value) / (1.05 * (1 + weight.sum(axis=1)))
-    return new, np.clip(sure, 0, 1)
+    return signs, np.clip(sure, 0, 1)
 
 
 def _parts(surface, signs, clarity):

@@ -165,7 +165,8 @@ def find_sides(
     progress(_HEARD)
     said, clarity = np.ones(len(chosen), dtype=np.int8), np.zeros(len(chosen))
     said[solid], clarity[solid] = labels.signs, labels.clarity
-    signs, sure = mend(surface, said, clarity, trust=0.3 if noise else 1.0)
+    trust = 0.3 if noise else 1.0
+    signs, sure = mend(surface, place, facing, said, clarity, trust=trust)
     found, confidence = heard.vote(signs, sure)
     if not noise:
         found[chosen], confidence[chosen] = signs, sure

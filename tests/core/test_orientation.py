@@ -3,6 +3,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from core import InputError, Settings, estimate_normals, orient_normals, shapes
@@ -136,6 +138,24 @@ def test_order_does_not_matter():
         orient_normals(points[order], mixed[order]),
         orient_normals(points, mixed)[order],
     )
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    st.sampled_from(["sphere", "torus", "bumpy"]),
+    st.integers(0, 1000),
+    st.sampled_from([1e-6, 1.0, 1e6]),
+    st.sampled_from([0.0, 1e6]),
+    st.sampled_from([1, 2, 5]),
+)
+def test_sides_do_not_depend_on_how_a_cloud_comes(name, seed, size, offset, threads):
+    points, normals, _ = shapes.ALL[name].sample(1500, 1)
+    rng = np.random.default_rng(seed)
+    turn, order = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.permutation(1500)
+    moved = size * (points[order] @ turn.T + offset)
+    found = estimate_normals(moved, settings=Settings(threads=threads))
+    truth = normals[order] @ turn.T
+    assert ((found.normals * truth).sum(axis=1) > 0).all()
 
 
 @pytest.mark.parametrize(
