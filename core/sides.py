@@ -213,21 +213,37 @@ def measure(nearest: NearestNeighbors, normals: FloatArray) -> tuple[float, floa
     Heights are medians: half of the eight nearest points belong to the same sheet
     even where another sheet is closer than two spacings.
     """
-    points, n = nearest.points, len(nearest.points)
-    rows = _sample(points)
-    ladder = [k for k in _LADDER if k <= n // 4] or [min(4, n - 1)]
-    distance, index = nearest.others(ladder[-1], points[rows])
-    offset = points[index] - points[rows][:, None]
-    height = np.abs(np.einsum("mkc,mc->mk", offset, normals[rows]))
-    first = ladder[0]
-    spacing = float(np.median(distance[:, first - 1])) * np.sqrt(np.pi / first)
-    for k in ladder:
-        # The median of |a - b| is 1/1.05 for normal a and b of deviation one.
-        thick = 1.05 * np.median(height[:, :k], axis=1)
-        far = np.maximum(distance[:, k - 1], 1e-300)
-        if np.median(thick / far) < (_THICK if k == first else _FLAT):
+    rows, n = _sample(nearest.points), len(nearest)
+    first, *wider = [k for k in _LADDER if k <= n // 4] or [min(4, n - 1)]
+    # Most clouds are clean, and their few neighbors found without a tree of all.
+    index, distance = nearest.neighbors(rows, first)
+    height = _heights(nearest.points, normals, rows, index)
+    spacing = float(np.median(distance[:, -1])) * np.sqrt(np.pi / first)
+    if _is_thin(height, distance, _THICK) or not wider:
+        return spacing, 0.0
+    distance, index = nearest.others(wider[-1], nearest.points[rows])
+    height = _heights(nearest.points, normals, rows, index)
+    for k in wider:
+        if _is_thin(height[:, :k], distance[:, :k], _FLAT):
             break
-    return spacing, 0.0 if k == first else float(np.median(thick))
+    return spacing, float(np.median(_thickness(height[:, :k])))
+
+
+def _heights(points, normals, rows, index):
+    """Return how far neighbors (m, k) are from the tangent planes of some points."""
+    offset = points[index] - points[rows][:, None]
+    return np.abs(np.einsum("mkc,mc->mk", offset, normals[rows]))
+
+
+def _is_thin(height, distance, share):
+    """Whether most neighborhoods are thinner than a share of their radius."""
+    far = np.maximum(distance[:, -1], 1e-300)
+    return bool(np.median(_thickness(height) / far) < share)
+
+
+def _thickness(height):
+    # The median of |a - b| is 1/1.05 for normal a and b of deviation one.
+    return 1.05 * np.median(height, axis=1)
 
 
 def _sample(points):
