@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .averages import Averages
-from .faces import Triangles, squares
+from .faces import Triangles
 from .inputs import FloatArray, IntArray
 
 # Vertices that are looked at, at most.
@@ -149,9 +149,9 @@ def noise_of(bumps: Bumps, *, stepped: bool) -> float:
 
 
 def edge_misfit(
-    points: FloatArray, edges: tuple[IntArray, IntArray], normals: FloatArray
+    points: FloatArray, edges: tuple[IntArray, IntArray], fields: Sequence[FloatArray]
 ) -> FloatArray:
-    """Return how badly normals fit the edges at each vertex.
+    """Return how badly fields of normals fit the edges at each vertex.
 
     On spheres, and on all surfaces up to third order, an edge is at right angles to
     the sum of the normals at its ends.
@@ -159,21 +159,26 @@ def edge_misfit(
     Parameters
     ----------
     edges : two (e,) int
-    normals : (n, 3)
+    fields : f of (n, 3)
 
     Returns
     -------
-    (n,) float64, the sum over a vertex's edges of the squared sines by which the mean
-    of the normals at both ends leans along the edge.
+    (n, f) float64, the sum over a vertex's edges of the squared sines by which the
+    mean of the normals at both ends leans along the edge.
     """
     i, j = edges
-    along = points[j] - points[i]
-    square = squares(along)
-    lean = np.einsum("ij,ij->i", normals[i] + normals[j], along)
-    lean = np.divide(lean * lean, 4 * square, out=np.zeros_like(lean), where=square > 0)
+    square = np.zeros(len(i))
+    leans = np.zeros((len(fields), len(i)))
+    for axis in range(3):
+        along = points[j, axis] - points[i, axis]
+        square += along * along
+        for row, normals in enumerate(fields):
+            leans[row] += (normals[i, axis] + normals[j, axis]) * along
+    leans *= leans
+    np.divide(leans, 4 * square, out=leans, where=square > 0)
     count = len(points)
-    total = np.bincount(i, lean, count) + np.bincount(j, lean, count)
-    return np.asarray(total, dtype=np.float64)
+    at_ends = [np.bincount(i, a, count) + np.bincount(j, a, count) for a in leans]
+    return np.stack(at_ends, axis=1)
 
 
 def mesh_misfit(mesh: Triangles, fields: Sequence[FloatArray]) -> list[float]:

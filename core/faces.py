@@ -67,7 +67,7 @@ class Triangles:
         """(m,) float64."""
         return np.sqrt(squares(self.vectors))
 
-    @cached_property
+    @property
     def normals(self) -> FloatArray:
         """(m, 3) float64, unit; zero for triangles without area."""
         return unit(self.vectors)
@@ -81,10 +81,20 @@ class Triangles:
             result[:, corner] = squares(self.points[ends[0]] - self.points[ends[1]])
         return result
 
-    @property
+    @cached_property
     def mean_edge(self) -> float:
         """The mean length of the sides."""
         return float(np.sqrt(self.sides).mean())
+
+    @property
+    def longest_edges(self) -> FloatArray:
+        """(n,) float32, the length of the longest edge at each vertex, or zero."""
+        longest = np.zeros(len(self.points), dtype=np.float32)
+        for corner in range(3):
+            length = np.sqrt(self.sides[:, corner]).astype(np.float32)
+            for end in (1, 2):
+                np.maximum.at(longest, self.faces[:, (corner + end) % 3], length)
+        return longest
 
     @property
     def quality(self) -> FloatArray:
@@ -151,9 +161,14 @@ class Triangles:
         """
         count = len(self.points)
         total, faces = np.zeros(count), np.zeros(count)
+        x, y, z = self.normals.T
         for corner in range(3):
             at = self.faces[:, corner]
-            sine = squares(cross(self.normals, axes[at]))
+            a, b, c = (axis[at] for axis in axes.T)
+            # Component by component: arrays of vectors would be three times as large.
+            sine = (y * c - z * b) ** 2
+            sine += (z * a - x * c) ** 2
+            sine += (x * b - y * a) ** 2
             total += np.bincount(at, sine, minlength=count)
             faces += np.bincount(at, minlength=count)
         return np.sqrt(total / np.maximum(faces, 1))

@@ -4,8 +4,6 @@
 from dataclasses import dataclass
 from itertools import count
 
-import numpy as np
-
 from .blend import (
     NOISY_FROM,
     Field,
@@ -96,27 +94,19 @@ def _of_points(asked, source, settings, report):
 
 def _of_mesh(points, faces, source, settings, report):
     """Return what the patches and faces of a mesh give."""
+    triangles = Triangles(points, faces)
     if settings.method == "auto":
         condition = None
-        mesh = choose_normals(points, faces, lambda: fit_all(source, report))
+        # The graph of a source of their own goes when the patches are there.
+        mesh = choose_normals(
+            triangles, lambda: fit_all(Rings(points, faces, settings), report)
+        )
     else:
         fitted = fit_all(source, report)
-        mesh, condition = with_faces(points, faces, fitted), fitted.condition
-    triangles = Triangles(points, faces)
+        mesh, condition = with_faces(triangles, fitted), fitted.condition
     turned = triangles.fan_width(mesh.normals)
-    field = Field(mesh.normals, error_of_misfit(turned), _longest_edges(points, faces))
+    field = Field(mesh.normals, error_of_misfit(turned), triangles.longest_edges)
     return Found(field, mesh.valid, settings, mesh.noise, 0, condition, mesh)
-
-
-def _longest_edges(points, faces):
-    """Return the length of the longest edge at each vertex, (n,)."""
-    longest = np.zeros(len(points), dtype=np.float32)
-    for pair in ([0, 1], [1, 2], [2, 0]):
-        ends = faces[:, pair]
-        length = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-        for end in ends.T:
-            np.maximum.at(longest, end, length.astype(np.float32))
-    return longest
 
 
 def _is_automatic(asked, count):

@@ -16,6 +16,9 @@ from numpy.typing import ArrayLike
 from .blocks import Blocks, Found
 from .inputs import FloatArray, InputError, IntArray, as_faces, as_points
 
+# Rows of a graph that grow at a time.
+_PART = 1 << 16
+
 # scipy.spatial and scipy.sparse take longer to import than the rest of the core;
 # functions that need them import them.
 
@@ -340,49 +343,45 @@ class NeighborGraph:
         NeighborGraph
             A small piece of the graph may still have shorter rows.
         """
-        from scipy import sparse
-
-        grown = self.matrix.astype(np.int32)
-        step = grown.copy()
+        grown = self.matrix
         for _ in range(rings):
             short = np.flatnonzero(np.diff(grown.indptr) < least)
             if not len(short):
                 break
-            wider = grown[short] + grown[short] @ step
-            wider = _without_diagonal(wider.tocoo(), short)
-            if wider.nnz == np.diff(grown.indptr)[short].sum():
+            # In parts, so that what comes and goes takes little memory.
+            parts = np.array_split(short, -(-len(short) // _PART))
+            wider = [_a_ring_wider(grown, self.matrix, rows) for rows in parts]
+            if sum(part.nnz for part in wider) == np.diff(grown.indptr)[short].sum():
                 break
             grown = _with_rows(grown, short, wider)
         graph = NeighborGraph.__new__(NeighborGraph)
-        graph._set(sparse.csr_matrix(grown, dtype=bool))
+        graph._set(grown)
         return graph
 
 
-def _without_diagonal(rows, ids):
-    """Return the given (m, n) rows, coo, of points `ids` without their own entries."""
+def _a_ring_wider(grown, step, ids):
+    """Return rows `ids` of a bool matrix with what is a step from their entries."""
     from scipy import sparse
 
+    rows = grown[ids]
+    rows = (rows + rows @ step).tocoo()
     apart = ids[rows.row] != rows.col
     return sparse.csr_matrix(
         (rows.data[apart], (rows.row[apart], rows.col[apart])), shape=rows.shape
     )
 
 
-def _with_rows(matrix, ids, rows):
-    """Return the matrix with rows `ids` replaced."""
+def _with_rows(matrix, ids, parts):
+    """Return the matrix with rows `ids` replaced by those of `parts`, stacked."""
     from scipy import sparse
 
-    kept = np.ones(matrix.shape[0], dtype=np.int32)
-    kept[ids] = 0
-    place = sparse.csr_matrix(
-        (np.ones(len(ids), dtype=np.int32), (ids, np.arange(len(ids)))),
-        shape=(matrix.shape[0], len(ids)),
-    )
-    merged = (sparse.diags(kept, dtype=np.int32) @ matrix + place @ rows).tocsr()
-    merged.eliminate_zeros()
-    # Counts of paths are of no use and would overflow ring by ring.
-    merged.data[:] = 1
-    return merged
+    kept = np.ones(matrix.shape[0], dtype=bool)
+    kept[ids] = False
+    others = np.flatnonzero(kept)
+    if not len(others):
+        return sparse.vstack(parts, format="csr")
+    stacked = sparse.vstack([matrix[others], *parts], format="csr")
+    return stacked[np.argsort(np.concatenate([others, ids]))]
 
 
 def delaunay_simplices(points: FloatArray) -> IntArray:

@@ -16,9 +16,9 @@ import numpy as np
 
 from .averages import Averages, ladder
 from .evidence import edge_misfit, find_bumps, is_stepped, mesh_misfit, noise_of
-from .faces import Triangles, corner_sums, squares, unit, vertex_normals
+from .faces import Triangles, corner_sums, squares, unit
 from .fitted import Fitted
-from .inputs import BoolArray, FloatArray, IntArray
+from .inputs import BoolArray, FloatArray
 
 # Angle weights where they fit the edges better than those of Max by this factor, or
 # vertices stray from patches by so much of what faces turn: on spheres the latter are
@@ -81,35 +81,30 @@ class MeshNormals:
     kind: str
 
 
-def with_faces(points: FloatArray, faces: IntArray, fitted: Fitted) -> MeshNormals:
+def with_faces(mesh: Triangles, fitted: Fitted) -> MeshNormals:
     """Give vertices without a valid patch the mean of their faces' normals.
 
     Weighted by angle.
     """
-    guide = vertex_normals(points, faces, weights="angle")
+    guide = mesh.vertex_normals("angle")
     replaced = ~fitted.valid & (guide != 0).any(axis=1)
     normals = np.where(replaced[:, None], guide, fitted.normals)
     valid = fitted.valid | replaced
-    edge = Triangles(points, faces).mean_edge
     count = int(replaced.sum())
-    return MeshNormals(normals, valid, count, 0, fitted.noise, edge, "clean")
+    return MeshNormals(normals, valid, count, 0, fitted.noise, mesh.mean_edge, "clean")
 
 
-def choose_normals(
-    points: FloatArray, faces: IntArray, fit: Callable[[], Fitted]
-) -> MeshNormals:
+def choose_normals(mesh: Triangles, fit: Callable[[], Fitted]) -> MeshNormals:
     """Return the normals that the evidence of a mesh speaks for, vertex by vertex.
 
     Parameters
     ----------
-    points : (n, 3) float64, centered
-    faces : (m, 3) int
-        Wound alike.
+    mesh : Triangles
+        Centered, faces wound alike.
     fit : callable () -> Fitted
         Fits patches over the rings of the mesh; called where they are needed.
     """
-    mesh = Triangles(points, faces)
-    averages = Averages(len(points), faces)
+    averages = Averages(len(mesh.points), mesh.faces)
     sums = _area_vectors(mesh)
     smooth = unit(averages.means(sums, 2))
     bumps = find_bumps(mesh, averages, smooth)
@@ -122,7 +117,7 @@ def choose_normals(
         patches is not None and bumps.noisy_if_rough(patches.straying)
     )
     if not (noisy or stepped):
-        none = np.zeros(len(points), dtype=bool)
+        none = np.zeros(len(mesh.points), dtype=bool)
         return _result(mesh, base.normals, smooth, from_patch, none, 0.0, "clean")
     shake = noise_of(bumps, stepped=stepped) * mesh.mean_edge
     normals, chosen = _best_smoothed(mesh, averages, sums, base, shake)
@@ -223,11 +218,8 @@ def _best_clean(mesh, averages, patches):
     if patches is None:
         return _Base(normals, weights), np.zeros(len(normals), dtype=bool)
     # Sums gathered over the same edges compare like means.
-    misfits = [
-        edge_misfit(mesh.points, averages.edges, field)
-        for field in (patches.normals, normals)
-    ]
-    gathered = averages.means(np.stack(misfits, axis=1), _GATHERED)
+    misfits = edge_misfit(mesh.points, averages.edges, [patches.normals, normals])
+    gathered = averages.means(misfits, _GATHERED)
     chosen = gathered[:, 0] < patches.bar * gathered[:, 1]
     return _Base(np.where(chosen[:, None], patches.normals, normals), weights), chosen
 
@@ -243,28 +235,40 @@ def _best_smoothed(mesh, averages, sums, base, shake):
     shake : float
         Standard deviation of the noise, in object units.
     """
-    rng = np.random.default_rng(0)
-    moved = mesh.points + rng.normal(0, shake, mesh.points.shape)
-    other = Triangles(moved, mesh.faces)
+    at_vertex, by_area = _shaken(mesh, sums, base.weights, shake)
+    still = squares(at_vertex[:, 3:] - at_vertex[:, :3])
     # What noise does to patches in the base is much the same as to its means.
-    pair = np.concatenate(
-        [each.vertex_normals(base.weights) for each in (mesh, other)], axis=1
-    ).astype(np.float32)
-    still = squares(pair[:, 3:] - pair[:, :3])
     blend = _Blend(
         base.normals, averages.means(still[:, None], _GATHERED_VARIANCE)[:, 0]
     )
-    by_area = _Run(averages, 1.0)
-    by_area.risk(pair)
+    unbent = _Run(averages, 1.0)
+    unbent.risk(at_vertex)
     plain, sharpened = _Run(averages, _BIAS**2), _Run(averages, _BIAS**2)
-    both = np.concatenate([sums, _area_vectors(other)], axis=1)
-    for rounds, means, sharper in ladder(averages, both):
+    for rounds, means, sharper in ladder(averages, by_area):
         if rounds == 0:
-            blend.add(means, by_area.risk(means), smooth=False)
+            blend.add(means, unbent.risk(means), smooth=False)
         blend.add(means, plain.risk(means), smooth=True)
         if sharper is not None:
             blend.add(sharper, sharpened.risk(sharper), smooth=True)
     return blend.normals, blend.smooth
+
+
+def _shaken(mesh, sums, weights, shake):
+    """Return fields of a mesh beside the same with more noise, (n, 6) float32 each.
+
+    Returns
+    -------
+    at_vertex : normals, means of those of the faces by `weights`
+    by_area : sums of area vectors, as in `sums`
+    """
+    rng = np.random.default_rng(0)
+    moved = mesh.points + rng.normal(0, shake, mesh.points.shape)
+    other = Triangles(moved, mesh.faces)
+    normals = [each.vertex_normals(weights) for each in (mesh, other)]
+    return (
+        np.concatenate(normals, axis=1, dtype=np.float32),
+        np.concatenate([sums, _area_vectors(other)], axis=1),
+    )
 
 
 class _Blend:
