@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from .faces import Triangles, corner_sums
 from .inputs import BoolArray, FloatArray, IntArray
 
 # Rounds after which a ladder has a rung.
@@ -70,6 +71,17 @@ class Averages:
         return row[once], self.joined.indices[once]
 
 
+def area_vectors(mesh: Triangles) -> FloatArray:
+    """Return the sums of area vectors of faces at vertices, (n, 3) float32.
+
+    In units of their largest component. The sum of area vectors over a part of a mesh
+    depends on its rim alone, so that noise cancels inside, however the faces fold.
+    """
+    vectors = corner_sums(mesh.vectors, mesh.faces, len(mesh.points))
+    top = np.abs(vectors).max(initial=0)
+    return (vectors / top if top > 0 else vectors).astype(np.float32)
+
+
 def ladder(
     averages: Averages, vectors: FloatArray
 ) -> Iterator[tuple[int, FloatArray, FloatArray | None]]:
@@ -79,9 +91,7 @@ def ladder(
     ----------
     averages : Averages
     vectors : (n, 3 f) float32
-        Sums of the area vectors of the faces at each vertex, of f fields side by side.
-        The sum of area vectors over a part of a mesh depends on its rim alone, so that
-        noise cancels inside, however the faces fold.
+        Those of `area_vectors`, of f fields side by side.
 
     Yields
     ------

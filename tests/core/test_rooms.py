@@ -47,6 +47,8 @@ CORE_ORDER = (
     "settings",
     "neighborhoods",
     "fitted",
+    "clean",
+    "shaken",
     "meshes",
     "fields",
     "estimate",
