@@ -3,12 +3,12 @@
 
 import bpy
 import numpy as np
-from bpy.props import FloatProperty
 from bpy.types import Context, Object, Operator
 
 from .. import core
 from . import bridge
-from .settings import Returned, measure_property
+from .choices import limit_property, measure_property
+from .settings import Returned
 
 # Of the baseline, what is shown beside a measure of the estimate.
 BESIDE = {"error_estimate": "error_baseline", "angle_estimate": "angle_baseline"}
@@ -146,11 +146,7 @@ class TIMESCALE_OT_color_by(Operator):
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender wants a plain set
 
     measure: measure_property()
-    limit: FloatProperty(
-        name="Range",
-        description="The value of the last color; 0 takes 95 % of the points in",
-        min=0.0,
-    )
+    limit: limit_property()
 
     @classmethod
     def poll(cls, context: Context) -> bool:

@@ -15,7 +15,8 @@ from bpy.types import Context, Object, Operator
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
-from . import bridge, coloring, making, picture
+from . import bridge, coloring, picture
+from .bridge import making
 from .settings import Returned, settings_of
 
 NAME = bridge.DRESS

@@ -16,8 +16,8 @@ from .. import core
 from ..core.faces import fan_means
 from ..core.progress import Progress, between
 from . import bridge, coloring
-from .arrays import ObjectError
-from .settings import Options, place_of, reference_of, to_core
+from .properties import place_of, reference_of, to_core
+from .settings import Options
 
 # Where the progress stands when a guide is asked, before an estimate; and in a
 # comparison when the estimate is there, and the triangulation.
@@ -180,7 +180,7 @@ def read_earlier_estimate(job: Job) -> None:
 def check_same(job: Job) -> None:
     """Raise ObjectError where the object is gone or no longer has its shape."""
     if bridge.fingerprint(job.obj) != job.fingerprint:
-        raise ObjectError(CHANGED)
+        raise bridge.ObjectError(CHANGED)
 
 
 # Compute

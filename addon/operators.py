@@ -14,17 +14,10 @@ from ..core import InputError
 from ..core.progress import Progress
 from . import bridge, dress, jobs
 from .jobs import Job
+from .layouts import draw_colors, draw_compare, draw_details, draw_estimate
+from .properties import CompareOptions, EstimateOptions, truth_of
 from .run import OnSelection
-from .settings import (
-    CompareOptions,
-    EstimateOptions,
-    Returned,
-    draw_colors,
-    draw_compare,
-    draw_details,
-    draw_estimate,
-    truth_of,
-)
+from .settings import Returned
 
 
 class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):

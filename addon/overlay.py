@@ -22,7 +22,8 @@ from mathutils import Color, Vector
 
 from ..core.faces import unit
 from . import bridge, coloring, dress
-from .settings import measure_label, settings_of
+from .choices import measure_label
+from .settings import settings_of
 
 # Lines of one method; more would hide the surface and slow the viewport down.
 MOST = 50_000

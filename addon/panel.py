@@ -8,18 +8,11 @@ import bpy
 from bpy.types import Context, Menu, Panel
 
 from . import bridge, dress, presets, run
+from .choices import measure_label
+from .layouts import Layout, draw_colors, draw_compare, draw_details, draw_estimate
 from .operators import CLASSES as OPERATORS
 from .samples import TRUTH
-from .settings import (
-    Layout,
-    draw_colors,
-    draw_compare,
-    draw_details,
-    draw_estimate,
-    fill,
-    measure_label,
-    settings_of,
-)
+from .settings import fill, settings_of
 
 ESTIMATE, COMPARE, CLEAR = (operator.bl_idname for operator in OPERATORS)
 REORIENT = "timescale.reorient_normals"

@@ -15,7 +15,8 @@ from bpy.types import Context, Object, Operator
 
 from ..core import GridSurface, InputError, Settings
 from ..core.neighborhoods import neighborhoods_of_all
-from . import bridge, making
+from . import bridge
+from .bridge import making
 from .settings import Returned, settings_of
 
 # Across a patch drawn as a surface.

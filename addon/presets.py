@@ -6,7 +6,8 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 from bpy.types import Operator, Panel
 
-from .settings import PROPERTY, EstimateOptions
+from .properties import EstimateOptions
+from .settings import PROPERTY
 
 _FOLDER = "timescale_normals"
 # What names a place or an attribute of one file is no preset for another.

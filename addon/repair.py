@@ -18,10 +18,11 @@ from ..core.creases import find_sharp_edges
 from ..core.faces import angles_between
 from ..core.progress import Progress
 from ..core.winding import Winding, find_flipped_faces
-from . import bridge, dress, jobs, polygons
+from . import bridge, dress, jobs
 from .jobs import Job
+from .properties import EstimateOptions
 from .run import OnSelection
-from .settings import EstimateOptions, Returned
+from .settings import Returned
 
 # From this many degrees on a corner counts as changed: less is hardly seen.
 _SEEN = 1.0
@@ -46,7 +47,7 @@ class Task:
     winding : Winding
     """
 
-    faces: polygons.Faces
+    faces: bridge.Faces
     angle: float | None
     shown: Any
     turn: bool

@@ -6,7 +6,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
 from bpy.types import Context, Menu, Operator
 
 from ..core import shapes
-from . import making
+from .bridge import making
 from .settings import Returned
 
 TRUTH = "true_normal"

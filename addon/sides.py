@@ -15,15 +15,12 @@ from ..core.orientation import Orientation, find_orientation
 from ..core.pieces import connected_pieces
 from ..core.progress import Progress
 from . import bridge
+from .choices import ORIENTATIONS
 from .jobs import Job, viewpoint_of
+from .layouts import draw_guides
+from .properties import SideOptions, reference_of
 from .run import OnSelection
-from .settings import (
-    ORIENTATIONS,
-    Returned,
-    SideOptions,
-    draw_guides,
-    reference_of,
-)
+from .settings import Returned
 
 _MODES = {
     "flip": "Turns every normal over",

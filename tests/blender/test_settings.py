@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 import scenes
 from bl_ext.user_default.timescale_normals import addon, core
-from bl_ext.user_default.timescale_normals.addon import missing, panel, settings
+from bl_ext.user_default.timescale_normals.addon import (
+    missing,
+    panel,
+    properties,
+    settings,
+)
 
 FIELDS = {field.name: field for field in dataclasses.fields(core.Settings)}
 OPERATORS = ["estimate_normals", "compare_delaunay", "clear_results"]
@@ -57,7 +62,7 @@ def button():
 
 
 def test_scene_starts_with_the_defaults_of_the_core():
-    assert settings.to_core(button()) == core.Settings()
+    assert properties.to_core(button()) == core.Settings()
 
 
 def test_settings_of_the_scene_reach_the_core_through_a_button():
@@ -70,7 +75,7 @@ def test_settings_of_the_scene_reach_the_core_through_a_button():
     options.truth, options.storage = "normal", "tangent_space"
     found = button()
     assert (found.truth, found.storage) == ("normal", "tangent_space")
-    assert settings.to_core(found) == core.Settings(
+    assert properties.to_core(found) == core.Settings(
         method="time_scale",
         neighbors=12,
         radius=0.5,
@@ -79,7 +84,7 @@ def test_settings_of_the_scene_reach_the_core_through_a_button():
     )
     options.viewpoint_object = None
     options.viewpoint = (4, 5, 6)
-    assert settings.to_core(button()).viewpoint == (4, 5, 6)
+    assert properties.to_core(button()).viewpoint == (4, 5, 6)
 
 
 def test_true_normals_of_samples_are_known():

@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 import pytest
 import scenes
-from bl_ext.user_default.timescale_normals.addon import custom_normals
+from bl_ext.user_default.timescale_normals.addon.bridge import custom_normals
 
 
 def monkey():

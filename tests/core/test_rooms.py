@@ -60,6 +60,23 @@ CORE_ORDER = (
     "tiles",
     "__init__",
 )
+# And so in the bridge, whose door is `__init__`.
+BRIDGE_ORDER = (
+    "arrays",
+    "custom_normals",
+    "polygons",
+    "geometry",
+    "objects",
+    "shapes",
+    "selections",
+    "results",
+    "normals",
+    "beside",
+    "making",
+    "__init__",
+)
+# What reads and writes Blender's data by the array.
+MEMORY = {"foreach_get", "foreach_set", "attributes"}
 
 
 def imports(path: Path) -> Iterator[tuple[int, str]]:
@@ -109,3 +126,29 @@ def test_blender_is_out_of_reach_of_core_and_the_entry_point():
     for path in (*sources("core"), ROOT / "__init__.py"):
         roots = {name.partition(".")[0] for level, name in imports(path) if level == 0}
         assert not roots & BLENDER, f"{path.name} imports {roots & BLENDER}"
+
+
+@pytest.mark.parametrize("path", sources("addon/bridge"), ids=lambda path: path.stem)
+def test_bridge_imports_only_its_earlier_rooms_and_the_core(path):
+    assert path.stem in BRIDGE_ORDER, "give the new module its place in BRIDGE_ORDER"
+    earlier = BRIDGE_ORDER[: BRIDGE_ORDER.index(path.stem)]
+    for level, name in imports(path):
+        assert level != 2, f"{path.name} imports {name}, which is on this side"
+        if level == 1:
+            assert name.partition(".")[0] in earlier, f"{path.name} imports {name}"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in sources("addon") if path.parent.name != "bridge"],
+    ids=lambda path: path.stem,
+)
+def test_blenders_memory_is_reached_by_the_bridge_alone(path):
+    for level, name in imports(path):
+        assert level == 0 or not name.startswith("bridge."), f"{name}: use the door"
+    touched = {
+        node.attr
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Attribute)
+    }
+    assert not touched & MEMORY

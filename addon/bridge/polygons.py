@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faces of meshes: their triangles, the edges between them, and turning them over.
-
-A part of the bridge, for which `bridge` is the door.
-"""
+"""Faces of meshes: their triangles, the edges between them, and turning them over."""
 
 from collections.abc import Collection
 from dataclasses import dataclass

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.faces import unit
-from ..core.progress import Progress, silent
+from ...core.faces import unit
+from ...core.progress import Progress, silent
 from .arrays import Array
 
 # Points that are looked up between two words of progress.

@@ -10,7 +10,7 @@ from bpy.types import Context, Mesh, Object
 
 from . import arrays
 from .arrays import KINDS, Array
-from .bridge import COLOR
+from .results import COLOR
 
 
 def add_points(

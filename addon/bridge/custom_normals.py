@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Custom normals of meshes: where edges part them, and how they are written.
-
-A part of the bridge, for which `bridge` is the door.
-"""
+"""Custom normals of meshes: where edges part them, and how they are written."""
 
 import zlib
 from collections.abc import Collection
@@ -12,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.faces import split_fans, unit
+from ...core.faces import split_fans, unit
 from . import arrays
 from .arrays import BACKUP, CUSTOM_NORMAL, KINDS, Array, Kind
 

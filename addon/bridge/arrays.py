@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Attributes and corners of meshes and point clouds as arrays: the hinge of the bridge.
 
-Only `bridge` and `custom_normals` call it; the errors are everyone's.
+The other rooms of the bridge call it; the errors are everyone's.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from bpy.types import Mesh, PointCloud
 
-from ..core import InputError
+from ...core import InputError
 
 Data = Mesh | PointCloud
 Array = np.ndarray
