@@ -9,6 +9,8 @@ import pytest
 import scenes
 from bl_ext.user_default.timescale_normals import core
 from bl_ext.user_default.timescale_normals.addon import bridge, coloring, overlay
+from bl_ext.user_default.timescale_normals.addon.legend import legend_of
+from bl_ext.user_default.timescale_normals.addon.lines import MOST, lines_of
 from mathutils import Color
 
 MEASURES = list(core.comparison.MEASURES)
@@ -84,11 +86,11 @@ def test_angles_are_kept_in_degrees():
 def test_legend_of_angles_is_in_degrees(measure):
     obj = with_truth(scenes.sphere())
     compare(truth="true_normal", color_by=measure, color_limit=2.0)
-    legend = overlay.legend_of(obj)
+    legend = legend_of(obj)
     assert (legend.low, legend.middle, legend.high) == ("0°", "1°", "2°")
     assert legend.count == f"{len(obj.data.vertices):,} points"
     compare(truth="true_normal", color_by=measure, color_limit=0.001)
-    assert overlay.legend_of(obj).high == "≥ 0.001°"
+    assert legend_of(obj).high == "≥ 0.001°"
 
 
 def test_angle_that_needs_a_truth_falls_back_to_the_angle_between():
@@ -103,7 +105,7 @@ def test_sureness_of_sides_is_colored_from_a_guess_to_certain():
     sure = scenes.get(obj, "ts_side_confidence")
     expected = core.Comparison(sure, sure).colors("deviation", limit=1.0)
     np.testing.assert_allclose(scenes.get(obj, "ts_error_color"), expected, atol=1e-4)
-    legend = overlay.legend_of(obj)
+    legend = legend_of(obj)
     assert (legend.low, legend.high) == ("a guess", "certain")
     assert len(legend.heights) == 40
 
@@ -349,10 +351,7 @@ def test_both_methods_are_side_by_side_in_one_range(make):
     for shown, measure in ((obj, "error_estimate"), (other, "error_baseline")):
         expected = found.colors(measure, limit=limit)
         np.testing.assert_allclose(worn(shown), expected, atol=1e-3)
-    assert (
-        overlay.legend_of(obj).title
-        == "Error of Estimate, Lines: Delaunay (Coordinate)"
-    )
+    assert legend_of(obj).title == "Error of Estimate, Lines: Delaunay (Coordinate)"
     assert bpy.context.object == obj
     assert bpy.context.selected_objects == [obj]
 
@@ -438,7 +437,7 @@ def test_without_truth_there_are_no_errors_to_show(capfd):
 def test_legend_has_the_points_and_colors_of_its_measure(measure):
     obj = with_truth(scenes.sphere())
     compare(truth="true_normal", color_by=measure)
-    legend = overlay.legend_of(obj)
+    legend = legend_of(obj)
     assert legend.heights.max() == 1
     assert len(legend.heights) == len(legend.colors) == (2 if measure == "wins" else 40)
     assert ((legend.colors >= 0) & (legend.colors <= 1)).all()
@@ -451,7 +450,7 @@ def test_legend_of_both_methods_has_both_histograms():
     obj = with_truth(scenes.sphere())
     compare(truth="true_normal", color_by="angle_estimate")
     beside()
-    legend = overlay.legend_of(obj)
+    legend = legend_of(obj)
     found = coloring.read_comparison(obj)
     limit = max(found.limits(m)[1] for m in ("angle_estimate", "angle_baseline"))
     counts = [
@@ -479,7 +478,7 @@ def test_lines_stand_on_the_points_along_the_normals_in_the_world():
     obj = scenes.sphere()
     obj.scale, obj.location = (2, 1, -3), (5, 0, 0)
     compare()
-    lines = overlay.lines_of(obj, share=1, length=2, baseline=True)
+    lines = lines_of(obj, share=1, length=2, baseline=True)
     assert lines.estimate.shape == lines.baseline.shape == (2 * 642, 3)
     start, end = lines.estimate[::2], lines.estimate[1::2]
     local = (start - np.array(obj.location)) / np.array(obj.scale)
@@ -494,7 +493,7 @@ def test_lines_stand_on_the_points_along_the_normals_in_the_world():
 def test_lines_of_both_methods_are_on_one_side():
     obj = scenes.new_cloud(scenes.ball())
     compare()
-    lines = overlay.lines_of(obj, share=1, length=1, baseline=True)
+    lines = lines_of(obj, share=1, length=1, baseline=True)
     for ends in (lines.estimate, lines.baseline):
         outward = ((ends[1::2] - ends[::2]) * ends[::2]).sum(axis=1)
         assert (outward > 0).all()
@@ -503,9 +502,9 @@ def test_lines_of_both_methods_are_on_one_side():
 def test_many_points_get_a_bounded_number_of_lines():
     obj = scenes.new_cloud(scenes.ball(80_000))
     bpy.ops.timescale.estimate_normals(method="time_scale", orientation="none")
-    lines = overlay.lines_of(obj, share=1, length=1, baseline=False)
-    assert len(lines.estimate) == 2 * overlay.MOST
-    few = overlay.lines_of(obj, share=0.01, length=1, baseline=False)
+    lines = lines_of(obj, share=1, length=1, baseline=False)
+    assert len(lines.estimate) == 2 * MOST
+    few = lines_of(obj, share=0.01, length=1, baseline=False)
     assert len(few.estimate) == 2 * 800
     assert len(few.baseline) == 0
 
@@ -513,7 +512,7 @@ def test_many_points_get_a_bounded_number_of_lines():
 def test_points_without_a_normal_are_marked_and_have_no_line():
     obj = scenes.new_cloud(scenes.ball())
     bpy.ops.timescale.estimate_normals(radius=1e-4)
-    lines = overlay.lines_of(obj, share=1, length=1, baseline=False)
+    lines = lines_of(obj, share=1, length=1, baseline=False)
     assert (len(lines.estimate), len(lines.invalid)) == (0, 600)
 
 

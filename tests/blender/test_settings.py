@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 import scenes
 from bl_ext.user_default.timescale_normals import addon, core
-from bl_ext.user_default.timescale_normals.addon import (
-    missing,
-    panel,
-    properties,
-    settings,
-)
+from bl_ext.user_default.timescale_normals.addon import missing, panel, settings
+from bl_ext.user_default.timescale_normals.addon.properties import to_core
 
 FIELDS = {field.name: field for field in dataclasses.fields(core.Settings)}
 OPERATORS = ["estimate_normals", "compare_delaunay", "clear_results"]
@@ -62,7 +58,7 @@ def button():
 
 
 def test_scene_starts_with_the_defaults_of_the_core():
-    assert properties.to_core(button()) == core.Settings()
+    assert to_core(button()) == core.Settings()
 
 
 def test_settings_of_the_scene_reach_the_core_through_a_button():
@@ -75,7 +71,7 @@ def test_settings_of_the_scene_reach_the_core_through_a_button():
     options.truth, options.storage = "normal", "tangent_space"
     found = button()
     assert (found.truth, found.storage) == ("normal", "tangent_space")
-    assert properties.to_core(found) == core.Settings(
+    assert to_core(found) == core.Settings(
         method="time_scale",
         neighbors=12,
         radius=0.5,
@@ -84,7 +80,7 @@ def test_settings_of_the_scene_reach_the_core_through_a_button():
     )
     options.viewpoint_object = None
     options.viewpoint = (4, 5, 6)
-    assert properties.to_core(button()).viewpoint == (4, 5, 6)
+    assert to_core(button()).viewpoint == (4, 5, 6)
 
 
 def test_true_normals_of_samples_are_known():
