@@ -9,6 +9,7 @@ from bpy.props import EnumProperty, FloatProperty
 from bpy.types import Context
 
 from ..core import Settings
+from ..core.colormaps import COLORMAPS
 
 FIELDS = {field.name: field for field in fields(Settings)}
 # What the choices of the core mean to someone who looks at a menu.
@@ -89,6 +90,15 @@ _MEASURES = {
         "How sure it is which side of the estimate faces out, from 0 to 1",
     ),
 }
+# Measures with a middle or two sides, whose colors are their own.
+TWO_SIDED = {"log_ratio", "wins"}
+_COLORMAPS = {
+    "heat": "Dark violet over red to cream",
+    "viridis": "Violet over blue and green to yellow",
+    "cividis": "Blue over gray to yellow, which color-blind people see alike",
+    "rainbow": "Blue over green and yellow to red, which tells most values apart",
+    "gray": "Black to white, for print",
+}
 STORAGES = {
     "auto": "Tangent Space where a mesh deforms, else Free",
     "free": "Exact vectors, which do not follow deformation",
@@ -156,6 +166,17 @@ def limit_property(*, update: Callable[[Any, Context], None] | None = None) -> o
         min=0.0,
         precision=4,
         step=1,
+        update=update,
+    )
+
+
+def map_property(*, update: Callable[[Any, Context], None] | None = None) -> object:
+    """Return an enum of the maps from values to colors."""
+    return EnumProperty(
+        name="Color Map",
+        description="Which colors stand for small and large values",
+        items=items(_COLORMAPS, COLORMAPS),
+        default=COLORMAPS[0],
         update=update,
     )
 

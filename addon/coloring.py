@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Colors of a comparison: written, and changed without computing again."""
 
+from dataclasses import dataclass, replace
+
 import bpy
 import numpy as np
 from bpy.types import Context, Object, Operator
 
 from .. import core
+from ..core.colormaps import COLORMAPS
 from . import bridge
-from .choices import limit_property, measure_property
+from .choices import limit_property, map_property, measure_property
 from .settings import Returned
 
 # Of the baseline, what is shown beside a measure of the estimate.
@@ -18,6 +21,31 @@ _ALONE = {theirs: ours for ours, theirs in BESIDE.items()}
 SURENESS = {"confidence": "ts_confidence", "side_confidence": "ts_side_confidence"}
 
 
+@dataclass(frozen=True)
+class Look:
+    """What the colors of an object show.
+
+    Attributes
+    ----------
+    measure : str
+    limit : float
+        The value of the last color; 0 for one that fits.
+    colormap : str
+    """
+
+    measure: str
+    limit: float
+    colormap: str
+
+
+def look_of(obj: Object) -> Look:
+    """Return what the colors of an object show now."""
+    record = bridge.record_of(obj)
+    # Files from before there was a choice have the first map.
+    colormap = record.color_map or COLORMAPS[0]
+    return Look(record.color_by, record.color_limit, colormap)
+
+
 def possible(measure: str, comparison: core.Comparison) -> str:
     """Return the measure, or the difference where it needs true normals."""
     if measure in SURENESS or getattr(comparison, measure) is not None:
@@ -25,35 +53,32 @@ def possible(measure: str, comparison: core.Comparison) -> str:
     return "angle_deviation" if measure.startswith("angle_") else "deviation"
 
 
-def write_colors(
-    obj: Object, comparison: core.Comparison, measure: str, limit: float
-) -> None:
-    """Color the points by a measure up to a limit, 0 for one that fits."""
-    beside = bridge.has_attribute(obj, bridge.COLOR_BESIDE)
-    theirs = None
-    if beside:
-        measure = _ALONE.get(measure, measure)
-        theirs = BESIDE.get(measure, measure)
-        if theirs != measure and not limit:
+def write_colors(obj: Object, comparison: core.Comparison, look: Look) -> None:
+    """Color the points of an object that was compared."""
+    results = {}
+    if bridge.has_attribute(obj, bridge.COLOR_BESIDE):
+        look = replace(look, measure=_ALONE.get(look.measure, look.measure))
+        theirs = BESIDE.get(look.measure, look.measure)
+        if theirs != look.measure and not look.limit:
             # One range for both.
-            limit = max(comparison.limits(m)[1] for m in (measure, theirs))
-    results = {bridge.COLOR: _colors(obj, comparison, measure, limit)}
-    if theirs is not None:
-        results[bridge.COLOR_BESIDE] = _colors(obj, comparison, theirs, limit)
+            ends = (comparison.limits(name)[1] for name in (look.measure, theirs))
+            look = replace(look, limit=max(ends))
+        beside = replace(look, measure=theirs)
+        results[bridge.COLOR_BESIDE] = _colors(obj, comparison, beside)
+    results[bridge.COLOR] = _colors(obj, comparison, look)
     bridge.write_results(obj, results)
     record = bridge.record_of(obj)
-    record.color_by, record.color_limit = measure, limit
+    record.color_by, record.color_limit = look.measure, look.limit
+    record.color_map = look.colormap
 
 
-def _colors(
-    obj: Object, comparison: core.Comparison, measure: str, limit: float
-) -> np.ndarray:
-    found, name, high = on_scale(obj, comparison, measure, limit)
-    return found.colors(name, limit=high)
+def _colors(obj: Object, comparison: core.Comparison, look: Look) -> np.ndarray:
+    found, name, high = on_scale(obj, comparison, look)
+    return found.colors(name, limit=high, colormap=look.colormap)
 
 
 def on_scale(
-    obj: Object, comparison: core.Comparison, measure: str, limit: float
+    obj: Object, comparison: core.Comparison, look: Look
 ) -> tuple[core.Comparison, str, float | None]:
     """Return what the core needs to color or count a measure.
 
@@ -64,10 +89,10 @@ def on_scale(
     limit : float or None
         The value of the last color; None for one that fits.
     """
-    if measure not in SURENESS:
-        return comparison, measure, limit or None
-    sure = bridge.read_attribute(obj, SURENESS[measure], "FLOAT")
-    return core.Comparison(sure, sure), "deviation", limit or 1.0
+    if look.measure not in SURENESS:
+        return comparison, look.measure, look.limit or None
+    sure = bridge.read_attribute(obj, SURENESS[look.measure], "FLOAT")
+    return core.Comparison(sure, sure), "deviation", look.limit or 1.0
 
 
 def begin_beside(obj: Object) -> bool:
@@ -78,15 +103,14 @@ def begin_beside(obj: Object) -> bool:
     bool
         Whether there are: without true normals neither method has an error.
     """
-    found, record = read_comparison(obj), bridge.record_of(obj)
+    found, look = read_comparison(obj), look_of(obj)
     if found.error_baseline is None:
         return False
-    measure = record.color_by
-    if measure not in {*BESIDE, *_ALONE}:
-        measure = "error_estimate"
+    if look.measure not in {*BESIDE, *_ALONE}:
+        look = replace(look, measure="error_estimate")
     nothing = np.zeros((len(found.deviation), 4), np.float32)
     bridge.write_results(obj, {bridge.COLOR_BESIDE: nothing})
-    write_colors(obj, found, measure, record.color_limit)
+    write_colors(obj, found, look)
     return True
 
 
@@ -125,8 +149,9 @@ def histogram(
     return np.histogram(won, bins=bins, range=(0, 1))
 
 
-def colors_of(measure: str, values: np.ndarray, limit: float) -> np.ndarray:
-    """Return the colors of values (n,) on the scale of a measure, (n, 4) linear."""
+def colors_of(look: Look, values: np.ndarray) -> np.ndarray:
+    """Return the colors of values (n,) up to a limit that is given, (n, 4) linear."""
+    measure = look.measure
     if measure == "log_ratio":
         pair = np.ones_like(values), 10**values
     elif measure == "wins":
@@ -134,7 +159,9 @@ def colors_of(measure: str, values: np.ndarray, limit: float) -> np.ndarray:
     else:
         pair = values, values
     measure = "deviation" if measure in SURENESS else measure
-    return core.Comparison(values, values, *pair, *pair).colors(measure, limit=limit)
+    return core.Comparison(values, values, *pair, *pair).colors(
+        measure, limit=look.limit, colormap=look.colormap
+    )
 
 
 class TIMESCALE_OT_color_by(Operator):
@@ -142,11 +169,14 @@ class TIMESCALE_OT_color_by(Operator):
 
     bl_idname = "timescale.color_by"
     bl_label = "Color Comparison"
-    bl_description = "Show another measure of the last comparison, or another range"
+    bl_description = (
+        "Show another measure of the last comparison, another range or other colors"
+    )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender wants a plain set
 
     measure: measure_property()
     limit: limit_property()
+    color_map: map_property()
 
     @classmethod
     def poll(cls, context: Context) -> bool:
@@ -162,7 +192,8 @@ class TIMESCALE_OT_color_by(Operator):
             for obj in filter(bridge.has_comparison, bridge.targets(context)):
                 found = read_comparison(obj)
                 measure = possible(self.measure, found)
-                write_colors(obj, found, measure, self.limit)
+                look = Look(measure, self.limit, self.color_map)
+                write_colors(obj, found, look)
                 if measure != self.measure:
                     self.report(
                         {"WARNING"},

@@ -317,7 +317,8 @@ def write_comparison(job: Job, options: Options) -> None:
     bridge.write_results(job.obj, results)
     bridge.write_summary(job.obj, {"comparison": summary})
     measure = coloring.possible(options.color_by, found)
-    coloring.write_colors(job.obj, found, measure, options.color_limit)
+    look = coloring.Look(measure, options.color_limit, options.color_map)
+    coloring.write_colors(job.obj, found, look)
     if measure != options.color_by:
         job.notes.append(("INFO", "without true normals, colors show the difference"))
     if bridge.is_split(job.obj):

@@ -5,6 +5,7 @@ from typing import Any
 
 import bpy
 
+from . import choices
 from .settings import Options
 
 # Settings that are well chosen without anyone looking.
@@ -72,6 +73,8 @@ def draw_colors(layout: Layout, options: Options) -> None:
     """Show what the colors mean."""
     layout.prop(options, "color_by")
     layout.prop(options, "color_limit", text="Range (0 Auto)")
+    if options.color_by not in choices.TWO_SIDED:
+        layout.prop(options, "color_map")
 
 
 def _draw_attribute(layout: Layout, options: Options, name: str, obj: Owner) -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The scale of the colors with how many points are along it, drawn in a viewport."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import blf
@@ -46,16 +46,17 @@ class Legend:
 
 def legend_of(obj: Object) -> Legend:
     """Return the legend of an object's colors."""
-    found, record = coloring.read_comparison(obj), bridge.record_of(obj)
-    measure = record.color_by
-    found, name, limit = coloring.on_scale(obj, found, measure, record.color_limit)
+    found, look = coloring.read_comparison(obj), coloring.look_of(obj)
+    measure = look.measure
+    found, name, limit = coloring.on_scale(obj, found, look)
     low, high = (0.0, 1.0) if measure == "wins" else found.limits(name, limit=limit)
     beyond = measure != "wins" and bool(
         (np.abs(getattr(found, name)) > 1.001 * high).any()
     )
     bins = 2 if measure == "wins" else 40
     counts, edges = coloring.histogram(found, name, bins=bins, limit=limit)
-    colors = coloring.colors_of(measure, (edges[1:] + edges[:-1]) / 2, high)
+    middles = (edges[1:] + edges[:-1]) / 2
+    colors = coloring.colors_of(replace(look, limit=high), middles)
     theirs = None
     if _is_beside(obj, measure):
         theirs, _ = coloring.histogram(

@@ -18,7 +18,14 @@ from bpy.props import (
 
 from ..core import InputError, Settings
 from . import choices
-from .choices import choice, items, limit_property, limits, measure_property
+from .choices import (
+    choice,
+    items,
+    limit_property,
+    limits,
+    map_property,
+    measure_property,
+)
 
 
 class SideOptions:
@@ -150,6 +157,7 @@ class CompareOptions:
     )
     color_by: measure_property()
     color_limit: limit_property()
+    color_map: map_property()
     show_colors: BoolProperty(
         name="Show Colors",
         description="Let viewports and renders show the comparison at once",

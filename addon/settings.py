@@ -12,7 +12,7 @@ from bpy.props import (
 )
 from bpy.types import Context
 
-from .choices import limit_property, measure_property
+from .choices import limit_property, map_property, measure_property
 from .properties import CompareOptions, EstimateOptions
 
 if TYPE_CHECKING:
@@ -26,7 +26,9 @@ def _color_again(self: Any, _context: Context) -> None:
     """Let colors follow the settings of a scene at once."""
     ours: Any = bpy.ops
     if ours.timescale.color_by.poll():
-        ours.timescale.color_by(measure=self.color_by, limit=self.color_limit)
+        ours.timescale.color_by(
+            measure=self.color_by, limit=self.color_limit, color_map=self.color_map
+        )
 
 
 def _redraw(_self: object, context: Context) -> None:
@@ -64,6 +66,7 @@ class TimeScaleSettings(EstimateOptions, CompareOptions, bpy.types.PropertyGroup
     # Who looks at colors knows degrees; scripts get what ts_error holds.
     color_by: measure_property(default="angle_estimate", update=_color_again)
     color_limit: limit_property(update=_color_again)
+    color_map: map_property(update=_color_again)
     # A script has no use for it unless it says so.
     show_colors: BoolProperty(
         name="Show Colors",
@@ -117,6 +120,7 @@ class TimeScaleRecord(bpy.types.PropertyGroup):
     summary: StringProperty(description="JSON of what the panel shows")
     color_by: StringProperty(description="What the colors show")
     color_limit: FloatProperty(description="Value of the last color; 0 chose one")
+    color_map: StringProperty(description="Which colors the values have")
     active_color: StringProperty(description="Active color attribute before")
     default_color: StringProperty(description="Color attribute for rendering before")
 

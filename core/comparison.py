@@ -6,33 +6,22 @@ References
 [1] See `timescale`.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .colormaps import (
+    COLORMAPS,
+    DIVERGING,
+    NOT_COMPARED,
+    WINNERS,
+    linear,
+    map_colors,
+    ramp_colors,
+)
 from .estimate import Estimate
 from .inputs import BoolArray, FloatArray, InputError, IntArray, as_choice, as_normals
-
-# Colors of a sequential and a diverging map, dark to light and side to side, as sRGB
-# bytes. Between them the maps are linear in Oklab, whose steps look alike.
-_SEQUENTIAL = (
-    (24, 15, 62),
-    (88, 24, 110),
-    (170, 51, 106),
-    (233, 106, 73),
-    (252, 228, 145),
-)
-_DIVERGING = (
-    (22, 82, 140),
-    (120, 170, 214),
-    (232, 232, 228),
-    (232, 150, 98),
-    (160, 52, 20),
-)
-_WINNERS = ((176, 176, 172), (12, 123, 131))
-_NOT_COMPARED = (110, 110, 110)
 
 MEASURES = (
     "error_estimate",
@@ -150,7 +139,11 @@ class Comparison:
         return (-high if measure == "log_ratio" else 0.0), high
 
     def colors(
-        self, measure: str = "deviation", *, limit: float | None = None
+        self,
+        measure: str = "deviation",
+        *,
+        limit: float | None = None,
+        colormap: str = "heat",
     ) -> FloatArray:
         """Return colors of a measure.
 
@@ -159,6 +152,8 @@ class Comparison:
         measure : one of MEASURES
         limit : float, optional
             The value at the end of the map; see `limits`.
+        colormap : one of COLORMAPS
+            Of all measures but "log_ratio" and "wins", which have two sides.
 
         Returns
         -------
@@ -166,13 +161,14 @@ class Comparison:
             Linear sRGB with alpha 1, as Blender keeps color attributes; gray where
             there is nothing to compare.
         """
+        as_choice(colormap, COLORMAPS, name="colormap")
         values = self._measure(measure).astype(np.float64)
         low, high = self.limits(measure, limit=limit)
         if measure == "wins":
             low, high = 0.0, 1.0
         share = (values - low) / (high - low)
-        colors = ramp_colors(_ramp(measure), share)
-        colors[~self.compared] = _linear(np.array(_NOT_COMPARED) / 255)
+        colors = _shown(measure, share, colormap)
+        colors[~self.compared] = linear(np.array(NOT_COMPARED) / 255)
         alpha = np.ones((len(values), 1))
         return np.concatenate([colors, alpha], axis=1).astype(np.float32)
 
@@ -242,24 +238,12 @@ def angle(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.degrees(np.arctan2(sine, np.abs((a * b).sum(axis=1))))
 
 
-def ramp_colors(stops: Sequence[tuple[int, int, int]], share: FloatArray) -> FloatArray:
-    """Return linear sRGB colors of a map at shares 0 to 1, (..., 3) float64.
-
-    Parameters
-    ----------
-    stops : sequence of sRGB byte triples
-    share : (...) float
-        Clipped; nan is taken as 0.
-    """
-    known = _to_oklab(_linear(np.array(stops) / 255))
-    at = np.linspace(0, 1, len(stops))
-    share = np.nan_to_num(np.clip(share, 0, 1))
-    mixed = np.stack([np.interp(share, at, channel) for channel in known.T], axis=-1)
-    return np.clip(_from_oklab(mixed), 0, 1)
-
-
-def _ramp(measure):
-    return {"log_ratio": _DIVERGING, "wins": _WINNERS}.get(measure, _SEQUENTIAL)
+def _shown(measure, share, colormap):
+    """Return linear sRGB of shares (n,) along the scale of a measure, (n, 3)."""
+    fixed = {"log_ratio": DIVERGING, "wins": WINNERS}
+    if measure in fixed:
+        return ramp_colors(fixed[measure], share)
+    return map_colors(colormap, share)
 
 
 def _percent(part, whole):
@@ -278,34 +262,3 @@ def _statistics(name, values):
         f"{name}_min": float(values.min()),
         f"{name}_max": float(values.max()),
     }
-
-
-def _linear(srgb):
-    """Return linear values of sRGB ones (IEC 61966-2-1)."""
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-
-
-# Oklab (B. Ottosson, 2020): linear sRGB to cone responses, and their cube roots to
-# lightness and two opponent axes.
-_CONES = np.array(
-    [
-        [0.4122214708, 0.5363325363, 0.0514459929],
-        [0.2119034982, 0.6806995451, 0.1073969566],
-        [0.0883024619, 0.2817188376, 0.6299787005],
-    ]
-)
-_OPPONENTS = np.array(
-    [
-        [0.2104542553, 0.7936177850, -0.0040720468],
-        [1.9779984951, -2.4285922050, 0.4505937099],
-        [0.0259040371, 0.7827717662, -0.8086757660],
-    ]
-)
-
-
-def _to_oklab(linear):
-    return np.cbrt(linear @ _CONES.T) @ _OPPONENTS.T
-
-
-def _from_oklab(lab):
-    return (lab @ np.linalg.inv(_OPPONENTS).T) ** 3 @ np.linalg.inv(_CONES).T

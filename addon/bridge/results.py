@@ -139,10 +139,10 @@ def record_of(obj: Object) -> Any:
     return data_of(obj).timescale_normals
 
 
-def color_signature(obj: Object) -> tuple[str, float, str]:
+def color_signature(obj: Object) -> tuple[str, float, str, str]:
     """Return what differs when an object's colors mean something else."""
     record = record_of(obj)
-    return record.color_by, record.color_limit, record.summary
+    return record.color_by, record.color_limit, record.color_map, record.summary
 
 
 def read_summary(obj: Object | None) -> dict[str, dict[str, Any]]:

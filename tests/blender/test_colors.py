@@ -11,6 +11,7 @@ from bl_ext.user_default.timescale_normals import core
 from bl_ext.user_default.timescale_normals.addon import bridge, coloring, overlay
 from bl_ext.user_default.timescale_normals.addon.legend import legend_of
 from bl_ext.user_default.timescale_normals.addon.lines import MOST, lines_of
+from bl_ext.user_default.timescale_normals.core.colormaps import COLORMAPS, map_colors
 from mathutils import Color
 
 MEASURES = list(core.comparison.MEASURES)
@@ -470,8 +471,38 @@ def test_colors_of_a_scale_are_those_of_the_points(measure):
     values = np.asarray(getattr(found, measure), np.float64)
     high = 1.0 if measure == "wins" else found.limits(measure)[1]
     np.testing.assert_allclose(
-        coloring.colors_of(measure, values, high), found.colors(measure), atol=1e-4
+        coloring.colors_of(coloring.Look(measure, high, "viridis"), values),
+        found.colors(measure, colormap="viridis"),
+        atol=1e-4,
     )
+
+
+@pytest.mark.parametrize("colormap", COLORMAPS)
+def test_points_and_legend_have_the_chosen_map(colormap):
+    obj = with_truth(scenes.sphere())
+    compare(truth="true_normal", color_limit=0.01, color_map=colormap)
+    expected = errors(obj).colors("error_estimate", limit=0.01, colormap=colormap)
+    np.testing.assert_allclose(scenes.get(obj, "ts_error_color"), expected, atol=1e-4)
+    ends = map_colors(colormap, np.array([0.0125, 0.9875]))
+    ends = [Color(color).from_scene_linear_to_srgb()[:] for color in ends]
+    np.testing.assert_allclose(legend_of(obj).colors[[0, -1], :3], ends, atol=1e-3)
+
+
+def test_map_of_the_scene_colors_again_at_once():
+    obj = with_truth(scenes.sphere())
+    compare(truth="true_normal")
+    before = scenes.get(obj, "ts_error_color").copy()
+    bpy.context.scene.timescale_normals.color_map = "cividis"
+    assert obj.data.timescale_normals.color_map == "cividis"
+    assert not np.allclose(scenes.get(obj, "ts_error_color"), before)
+
+
+def test_file_without_a_map_has_the_first_one():
+    obj = with_truth(scenes.sphere())
+    compare(truth="true_normal")
+    obj.data.timescale_normals.color_map = ""
+    assert coloring.look_of(obj).colormap == "heat"
+    assert legend_of(obj).heights.max() == 1
 
 
 def test_lines_stand_on_the_points_along_the_normals_in_the_world():

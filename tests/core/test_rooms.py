@@ -53,6 +53,7 @@ CORE_ORDER = (
     "fields",
     "estimate",
     "delaunay",
+    "colormaps",
     "comparison",
     "shapes",
     "experiment",
