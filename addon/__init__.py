@@ -15,6 +15,7 @@ MODULES = (
     "coloring",
     "dress",
     "overlay",
+    "picking",
     "patch_view",
     "report",
     "samples",

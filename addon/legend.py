@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The scale of the colors with how many points are along it, drawn in a viewport."""
+"""What is drawn in the pixels of a viewport: the legend, and labels.
 
+A legend is the scale of the colors, with how many points are along it.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +20,7 @@ from . import bridge, coloring
 from .choices import measure_label
 
 _WHITE = (0.92, 0.92, 0.92, 1.0)
+_BACK = (0.0, 0.0, 0.0, 0.55)
 # Of the legend, in pixels at a resolution scale of 1.
 _WIDTH, _BARS, _RAMP, _MARGIN = 300, 46, 10, 12
 # Measures that are the largest difference in a coordinate.
@@ -124,11 +129,10 @@ def draw(legend: Legend, context: Context) -> None:
     x = context.region.width - max(1, sidebar) - width - 2 * pad
     y = (_MARGIN + 26) * scale
     gpu.state.blend_set("ALPHA")
-    back = (0.0, 0.0, 0.0, 0.55)
     _fill(
         [(x - pad, y - 26 * scale)],
         [(width + 2 * pad, bars + ramp + 58 * scale)],
-        [back],
+        [_BACK],
     )
     step = width / len(legend.heights)
     lefts = [(x + step * i, y) for i in range(len(legend.heights))]
@@ -153,6 +157,28 @@ def draw(legend: Legend, context: Context) -> None:
     _write(font, legend.low, x, below, 0)
     _write(font, legend.middle, x + width / 2, below, 0.5)
     _write(font, legend.high, x + width, below, 1)
+
+
+def draw_point(place: Sequence[float], lines: Sequence[str], context: Context) -> None:
+    """Mark a place of the world, and write lines beside it."""
+    at = location_3d_to_region_2d(context.region, context.region_data, Vector(place))
+    if at is None:
+        return
+    scale = context.preferences.system.ui_scale
+    font, size, pad = 0, 11 * scale, 6 * scale
+    blf.size(font, size)
+    width = max(blf.dimensions(font, line)[0] for line in lines)
+    step = 1.4 * size
+    x, y = at.x + 14 * scale, at.y + 14 * scale
+    gpu.state.blend_set("ALPHA")
+    height = step * len(lines) + pad
+    _fill([(x - pad, y - pad)], [(width + 2 * pad, height)], [_BACK])
+    for half, color in ((4.5 * scale, (0, 0, 0, 1)), (3 * scale, _WHITE)):
+        _fill([(at.x - half, at.y - half)], [(2 * half, 2 * half)], [color])
+    gpu.state.blend_set("NONE")
+    blf.color(font, *_WHITE)
+    for row, line in enumerate(reversed(lines)):
+        _write(font, line, x, y + row * step, 0)
 
 
 def draw_names(obj: Object, context: Context) -> None:

@@ -16,7 +16,7 @@ from bpy.app.handlers import persistent
 from bpy.types import Context, Object, SpaceView3D
 from gpu_extras.batch import batch_for_shader
 
-from . import bridge, dress, legend
+from . import bridge, dress, legend, picking
 from .lines import lines_of
 from .settings import settings_of
 
@@ -115,14 +115,40 @@ def _batches(obj: Object) -> list[tuple[Any, Any, tuple[float, ...]]]:
     ]
 
 
-def _draw_legend() -> None:
-    """Draw the legend of the active object, in the pixels of the region."""
+def _draw_labels() -> None:
+    """Draw what is written of the active object, in the pixels of the region."""
     context = bpy.context
     obj = context.object
-    if obj is None or not settings_of(context).show_legend or not _overlays(context):
+    if obj is None or not _overlays(context) or obj not in _shown(context):
         return
-    if obj not in _shown(context) or not dress.is_dressed(obj):
+    # Looking closer at what has no results would leave a record there.
+    if not bridge.read_summary(obj):
         return
+    signature = (*bridge.color_signature(obj), *_place(obj))
+    point = _kept.get("point", obj, signature, _point)
+    if point is not None:
+        place, lines = point
+        legend.draw_point(place, lines, context)
+    if settings_of(context).show_legend and dress.is_dressed(obj):
+        _draw_legend(context, obj)
+
+
+def _place(obj: Object) -> tuple[float, ...]:
+    """Return what differs when an object, or the point picked of it, is elsewhere."""
+    return bridge.record_of(obj).picked, *np.array(obj.matrix_world).ravel()
+
+
+def _point(obj: Object) -> tuple[list[float], list[str]] | None:
+    """Return place and lines of the point that was picked."""
+    found = picking.values_of(obj)
+    if found is None:
+        return None
+    number, values = found
+    lines = [f"{label}: {text}" for label, text in picking.rows_of(values)[:3]]
+    return bridge.place_of_point(obj, number), [f"Point {number:,}", *lines]
+
+
+def _draw_legend(context: Context, obj: Object) -> None:
     shown = _kept.get("legend", obj, (bridge.color_signature(obj),), _legend)
     if shown is not None:
         legend.draw(shown, context)
@@ -154,7 +180,7 @@ def register() -> None:
     """Draw in every 3D viewport; nothing where there is no window."""
     if bpy.app.background:
         return
-    for draw, space in ((_draw_lines, "POST_VIEW"), (_draw_legend, "POST_PIXEL")):
+    for draw, space in ((_draw_lines, "POST_VIEW"), (_draw_labels, "POST_PIXEL")):
         _drawn.append(SpaceView3D.draw_handler_add(draw, (), "WINDOW", space))
     for name, handler in _HANDLERS:
         getattr(bpy.app.handlers, name).append(handler)

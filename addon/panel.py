@@ -2,12 +2,13 @@
 """The tab "Time-Scale" of the sidebar, and the entry in the Object menu."""
 
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
 from bpy.types import Context, Menu, Panel
 
-from . import bridge, dress, presets, run
+from . import bridge, dress, picking, presets, run
 from .choices import measure_label
 from .layouts import Layout, draw_colors, draw_compare, draw_details, draw_estimate
 from .operators import CLASSES as OPERATORS
@@ -175,6 +176,34 @@ class VIEW3D_PT_timescale_result(_InSidebar):
         row.operator("timescale.export_report", text="Export", icon="EXPORT")
 
 
+class VIEW3D_PT_timescale_point(_InSidebar):
+    """What the last runs say of one point of the active object."""
+
+    bl_label = "Point"
+    bl_parent_id = "VIEW3D_PT_timescale"
+
+    @classmethod
+    def poll(cls, context: Context) -> bool:
+        """Stay away from objects without a result."""
+        return bool(bridge.read_summary(context.object))
+
+    def draw(self, context: Context) -> None:
+        """Show the picked point; in Edit Mode the active vertex."""
+        found = picking.values_of(context.object)
+        if context.object.mode != "EDIT":
+            row = self.layout.row(align=True)
+            row.operator("timescale.pick_point", icon="EYEDROPPER")
+            if found is not None:
+                row.operator_context = "EXEC_DEFAULT"
+                row.operator("timescale.pick_point", text="", icon="X").index = -1
+        elif found is None:
+            self.layout.label(text="No active vertex", icon="INFO")
+        if found is not None:
+            number, values = found
+            rows = [("Number", f"{number:,}"), *picking.rows_of(values)]
+            _table(self.layout, rows)
+
+
 class VIEW3D_MT_object_timescale(Menu):
     """The operators with the settings of the scene."""
 
@@ -260,7 +289,7 @@ def _text(value: object) -> str:
     return f"{value:,}" if isinstance(value, int) else f"{value:.3g}"
 
 
-def _table(layout: Layout, rows: list[tuple[str, ...]]) -> None:
+def _table(layout: Layout, rows: Sequence[tuple[str, ...]]) -> None:
     columns = layout.grid_flow(
         row_major=True, columns=len(rows[0]), even_columns=True, align=True
     )
@@ -312,6 +341,7 @@ CLASSES = (
     VIEW3D_PT_timescale_colors,
     VIEW3D_PT_timescale_normals,
     VIEW3D_PT_timescale_result,
+    VIEW3D_PT_timescale_point,
     VIEW3D_MT_object_timescale,
 )
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)

@@ -7,6 +7,7 @@ import bpy
 from bpy.props import (
     BoolProperty,
     FloatProperty,
+    IntProperty,
     PointerProperty,
     StringProperty,
 )
@@ -121,6 +122,9 @@ class TimeScaleRecord(bpy.types.PropertyGroup):
     color_by: StringProperty(description="What the colors show")
     color_limit: FloatProperty(description="Value of the last color; 0 chose one")
     color_map: StringProperty(description="Which colors the values have")
+    picked: IntProperty(
+        description="The point that is looked at; -1 for none", default=-1
+    )
     active_color: StringProperty(description="Active color attribute before")
     default_color: StringProperty(description="Color attribute for rendering before")
 

@@ -8,7 +8,6 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, StringProperty
 from bpy.types import Context, Event, Menu
-from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 
 from .. import core
 from ..core.orientation import Orientation, find_orientation
@@ -18,6 +17,7 @@ from . import bridge
 from .choices import ORIENTATIONS
 from .jobs import Job, viewpoint_of
 from .layouts import draw_guides
+from .pointing import Ray, ray_under_mouse
 from .properties import SideOptions, reference_of
 from .run import OnSelection
 from .settings import Returned
@@ -101,12 +101,12 @@ class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
 
     # What is pointed at: an active vertex, or a ray under the mouse.
     _vertex: int | None = None
-    _ray: tuple[Any, Any] | None = None
+    _ray: Ray | None = None
     _editing = False
 
     def invoke(self, context: Context, event: Event) -> Returned:
         """Remember what is pointed at, and go on."""
-        self._ray = _under_mouse(context, event)
+        self._ray = ray_under_mouse(context, event)
         self._look(context)
         return super().invoke(context, event)
 
@@ -224,18 +224,6 @@ def _write_report(job: Job) -> None:
     if job.valid.all():
         estimate |= job.orientation.summary()
     bridge.write_summary(job.obj, {"estimate": estimate})
-
-
-def _under_mouse(context: Context, event: Event) -> tuple[Any, Any] | None:
-    """Return start and direction of the ray under the mouse, where it is in a view."""
-    region, view = context.region, context.region_data
-    if region is None or view is None or region.type != "WINDOW":
-        return None
-    at = (event.mouse_region_x, event.mouse_region_y)
-    return (
-        region_2d_to_origin_3d(region, view, at),
-        region_2d_to_vector_3d(region, view, at),
-    )
 
 
 TURNED = "{turned:,} of {looked:,} normals turned over"

@@ -31,6 +31,12 @@ def find_object(uid: int) -> Object:
     raise ObjectError("it was removed before its results could be written")
 
 
+def count_points(obj: Object) -> int:
+    """Return how many points an object has, outside Edit Mode."""
+    count: int = data_of(obj).attributes.domain_size("POINT")
+    return count
+
+
 def active_vertex(obj: Object) -> int | None:
     """Return the active vertex of a mesh in Edit Mode; None where there is none."""
     if obj.type != "MESH" or obj.mode != "EDIT":

@@ -11,11 +11,12 @@ import json
 from collections.abc import Mapping
 from typing import Any, cast
 
+import bmesh
 import numpy as np
 from bpy.types import Mesh, Object
 
 from . import arrays, custom_normals
-from .arrays import BACKUP, CUSTOM_NORMAL, Array, Data, ObjectError
+from .arrays import BACKUP, CUSTOM_NORMAL, KINDS, Array, Data, ObjectError
 from .objects import TYPES, changed, data_of
 
 # What the operators leave, one value a point.
@@ -36,6 +37,13 @@ RESULTS = {
 COLOR = "ts_error_color"
 # Colors of the baseline, while both are shown side by side.
 COLOR_BESIDE = "delaunay_error_color"
+# What they are kept in while a mesh is edited.
+_LAYERS = {
+    "FLOAT": "float",
+    "FLOAT_VECTOR": "float_vector",
+    "FLOAT_COLOR": "float_color",
+    "BOOLEAN": "bool",
+}
 # The number of each point marks data as ours, and shows whether points came or went
 # since. The leading dot hides an attribute from menus and exporters.
 _MARK = ".timescale_points"
@@ -67,6 +75,30 @@ def read_attribute(obj: Object, name: str, kind: str) -> Array:
         When there is none of this name, type and domain.
     """
     return arrays.read(data_of(obj), name, kind)
+
+
+def values_at(obj: Object, row: int) -> dict[str, Any]:
+    """Return the results at a point, in Edit Mode too, as plain values by name."""
+    data = data_of(obj)
+    if obj.mode != "EDIT":
+        there = (data.attributes[name] for name in RESULTS if name in data.attributes)
+        kinds = {item.name: KINDS[item.data_type].field for item in there}
+        found = {
+            name: getattr(data.attributes[name].data[row], field)
+            for name, field in kinds.items()
+        }
+    else:
+        edited = bmesh.from_edit_mesh(data)
+        edited.verts.ensure_lookup_table()
+        vertex, layers = edited.verts[row], edited.verts.layers
+        kept = {
+            name: getattr(layers, _LAYERS[RESULTS[name]]).get(name) for name in RESULTS
+        }
+        found = {name: vertex[layer] for name, layer in kept.items() if layer}
+    return {
+        name: tuple(value) if hasattr(value, "__len__") else value
+        for name, value in found.items()
+    }
 
 
 def has_attribute(obj: Object, name: str) -> bool:

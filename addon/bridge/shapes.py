@@ -65,6 +65,12 @@ def read_points(obj: Object) -> Array:
     return arrays.read(data_of(obj), "position", "FLOAT_VECTOR")
 
 
+def place_of_point(obj: Object, row: int) -> list[float]:
+    """Return where a point is in the world."""
+    at = data_of(obj).attributes["position"].data[row].vector
+    return list(obj.matrix_world @ at)
+
+
 def read_geometry(obj: Object, *, evaluated: bool = False) -> Geometry:
     """Return the object's shape in the world.
 
