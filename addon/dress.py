@@ -26,7 +26,7 @@ _DISC = "Time-Scale Disc"
 _CARRIED = ".ts_carried_color"
 
 # What changes in viewports.
-_LOOK = ("type", "color_type", "show_specular_highlight")
+_LOOK = ("type", "color_type", "show_specular_highlight", "light", "show_cavity")
 
 # From an object to the copy beside it, in widths of the object.
 _GAP = 1.15
@@ -44,8 +44,9 @@ def show(context: Context, objects: Iterable[Object]) -> None:
     for shading in views.values():
         # Solid shading shows colors at once, without a shader compiled.
         shading.color_type = "VERTEX"
-        # Gloss would change the colors.
+        # Light and gloss would change the colors; edges and dents show the shape.
         shading.show_specular_highlight = False
+        shading.light, shading.show_cavity = "FLAT", True
         if shading.type in {"WIREFRAME", "MATERIAL"}:
             shading.type = "SOLID"
 

@@ -273,6 +273,8 @@ def write_estimate(job: Job, options: Options) -> None:
         job.notes.append(("WARNING", KEPT.format_map(summary)))
     job.notes += [("WARNING", warning) for warning in summary.get("warnings", ())]
     sentence = WITH_FACES if summary["from_faces"] else ESTIMATED
+    if summary["from_faces"] == summary["normals"]:
+        sentence = BY_FACES
     sentence = sentence.format_map(summary)
     if summary["noise_percent"] and not summary["from_faces"]:
         sentence += f", noise {summary['noise_percent']:.2g} %"
@@ -346,6 +348,7 @@ MEANS = (
 )
 ESTIMATED = "{normals:,} normals, each from {neighbors} neighbors"
 WITH_FACES = "{normals:,} normals, {from_faces:,} of them by the faces around them"
+BY_FACES = "{normals:,} normals, all by the faces around them"
 KEPT = (
     "{invalid:,} of {points:,} points had too few neighbors for a normal; "
     "they keep the one they had"

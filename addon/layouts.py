@@ -33,8 +33,6 @@ def draw_estimate(layout: Layout, options: Options, obj: Owner) -> None:
     layout.prop(options, "orientation")
     draw_guides(layout, options, options.orientation, obj)
     if obj is not None and obj.type == "MESH":
-        # Three switches side by side are too narrow for their words.
-        layout.column().prop(options, "split")
         layout.prop(options, "region")
         if options.region == "group":
             layout.prop_search(options, "vertex_group", obj, "vertex_groups", text=" ")
@@ -55,8 +53,11 @@ def draw_guides(layout: Layout, options: Any, orientation: str, obj: Owner) -> N
             _draw_attribute(layout, options, "reference", obj)
 
 
-def draw_details(layout: Layout, options: Options) -> None:
+def draw_details(layout: Layout, options: Options, obj: Owner) -> None:
     """Show what is chosen well without anyone looking."""
+    if obj is not None and obj.type == "MESH":
+        # Three switches side by side are too narrow for their words.
+        layout.column().prop(options, "split")
     for name in DETAILS:
         if name != "nested" or options.orientation in {"auto", "poles"}:
             layout.prop(options, name)
@@ -71,7 +72,7 @@ def draw_compare(layout: Layout, options: Options, obj: Owner) -> None:
 
 def draw_colors(layout: Layout, options: Options) -> None:
     """Show what the colors mean."""
-    layout.prop(options, "color_by")
+    layout.prop(options, "color_by", text="Measure")
     layout.prop(options, "color_limit", text="Range (0 Auto)")
     if options.color_by not in choices.TWO_SIDED:
         layout.prop(options, "color_map")

@@ -20,9 +20,14 @@ from . import bridge, coloring
 from .choices import measure_label
 
 _WHITE = (0.92, 0.92, 0.92, 1.0)
-_BACK = (0.0, 0.0, 0.0, 0.55)
+_BACK = (0.0, 0.0, 0.0, 0.7)
 # Of the legend, in pixels at a resolution scale of 1.
 _WIDTH, _BARS, _RAMP, _MARGIN = 300, 46, 10, 12
+# Where there is room to say between what.
+_TITLES = {
+    "angle_deviation": "Angle Between Estimate and Delaunay",
+    "deviation": "Difference to Delaunay",
+}
 # Measures that are the largest difference in a coordinate.
 _COORDINATES = {"error_estimate", "error_baseline", "deviation"}
 
@@ -82,7 +87,7 @@ def legend_of(obj: Object) -> Legend:
 
 def _title(obj: Object, measure: str) -> str:
     """Return what the scale is of; two measures while both are side by side."""
-    title = measure_label(measure)
+    title = _TITLES.get(measure) or measure_label(measure)
     if _is_beside(obj, measure):
         title = f"{title}, Lines: Delaunay"
     # The infinity norm has no unit.

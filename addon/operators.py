@@ -62,7 +62,7 @@ class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):
         """Show the settings in the panel of the last operation."""
         self.layout.use_property_split = True
         draw_estimate(self.layout, self, context.object)
-        draw_details(self.layout, self)
+        draw_details(self.layout, self, context.object)
 
 
 class TIMESCALE_OT_compare_delaunay(OnSelection, EstimateOptions, CompareOptions):
@@ -138,7 +138,7 @@ class TIMESCALE_OT_compare_delaunay(OnSelection, EstimateOptions, CompareOptions
         draw_compare(self.layout, self, context.object)
         draw_colors(self.layout, self)
         draw_estimate(self.layout, self, context.object)
-        draw_details(self.layout, self)
+        draw_details(self.layout, self, context.object)
 
 
 class TIMESCALE_OT_clear_results(OnSelection):

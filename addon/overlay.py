@@ -143,9 +143,7 @@ def _point(obj: Object) -> tuple[list[float], list[str]] | None:
     found = picking.values_of(obj)
     if found is None:
         return None
-    number, values = found
-    lines = [f"{label}: {text}" for label, text in picking.rows_of(values)[:3]]
-    return bridge.place_of_point(obj, number), [f"Point {number:,}", *lines]
+    return bridge.place_of_point(obj, found[0]), picking.lines_of(*found)
 
 
 def _draw_legend(context: Context, obj: Object) -> None:

@@ -54,6 +54,8 @@ class VIEW3D_PT_timescale(_InSidebar):
     def draw(self, context: Context) -> None:
         """Show the choices of most users and the three buttons."""
         _draw_run(self.layout)
+        if not bridge.has_targets(context):
+            _draw_start(self.layout)
         settings = settings_of(context)
         column = self.layout.column()
         column.use_property_split = True
@@ -92,7 +94,7 @@ class VIEW3D_PT_timescale_details(_InSidebar):
         """Show what is chosen well without anyone looking."""
         self.layout.use_property_split = True
         self.layout.use_property_decorate = False
-        draw_details(self.layout, settings_of(context))
+        draw_details(self.layout, settings_of(context), context.object)
 
 
 class VIEW3D_PT_timescale_colors(_InSidebar):
@@ -115,7 +117,8 @@ class VIEW3D_PT_timescale_colors(_InSidebar):
         shown = bridge.record_of(context.object).color_by
         if shown != settings_of(context).color_by:
             # Without true normals there is no error to show.
-            column.label(text=f"Shown: {measure_label(shown)}", icon="INFO")
+            text = f"No true normals: {measure_label(shown)}"
+            column.label(text=text, icon="INFO")
         column.prop(settings_of(context), "show_legend")
         column.operator(
             "timescale.side_by_side",
@@ -307,6 +310,12 @@ def _draw_run(layout: Layout) -> None:
         row.operator("timescale.stop", text="", icon="X")
 
 
+def _draw_start(layout: Layout) -> None:
+    """Say what is missing, and offer something to try."""
+    layout.label(text="Select a mesh or point cloud", icon="INFO")
+    layout.operator("timescale.add_samples", text="Add Samples", icon="ADD")
+
+
 def _button(
     layout: Layout,
     name: str,
@@ -339,9 +348,9 @@ CLASSES = (
     VIEW3D_PT_timescale,
     VIEW3D_PT_timescale_details,
     VIEW3D_PT_timescale_colors,
-    VIEW3D_PT_timescale_normals,
-    VIEW3D_PT_timescale_result,
     VIEW3D_PT_timescale_point,
+    VIEW3D_PT_timescale_result,
+    VIEW3D_PT_timescale_normals,
     VIEW3D_MT_object_timescale,
 )
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)

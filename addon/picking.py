@@ -10,6 +10,7 @@ from bpy.types import Context, Event, Object, Operator
 
 from ..core import InputError
 from . import bridge
+from .choices import measure_label
 from .pointing import ray_under_mouse
 from .settings import Returned
 
@@ -62,16 +63,27 @@ def rows_of(values: Mapping[str, Any]) -> Rows:
     return rows
 
 
+def lines_of(number: int, values: Mapping[str, Any]) -> list[str]:
+    """Return what is said of a point where there is little room."""
+    first = rows_of(values)[:3]
+    return [f"Point {number:,}", *(f"{label}: {text}" for label, text in first)]
+
+
 def _errors(values: Mapping[str, Any]) -> Rows:
     """Return the rows about a comparison, where there was one."""
-    pairs = [("Error of Estimate", "ts_"), ("Error of Delaunay", "delaunay_")]
+    pairs = [("angle_estimate", "ts_"), ("angle_baseline", "delaunay_")]
     if "delaunay_angle" not in values:
-        pairs = [("To Delaunay", "ts_")]
+        pairs = [("angle_deviation", "ts_")]
     return [
-        (label, f"{values[prefix + 'angle']:.3g}°")
-        for label, prefix in pairs
+        (measure_label(measure), _error(values, prefix))
+        for measure, prefix in pairs
         if prefix + "angle" in values
     ]
+
+
+def _error(values: Mapping[str, Any], prefix: str) -> str:
+    """Return an angle, and the largest difference in a coordinate."""
+    return f"{values[prefix + 'angle']:.3g}° ({values[prefix + 'error']:.3g})"
 
 
 def _length(value: float) -> str:
@@ -153,8 +165,7 @@ class TIMESCALE_OT_pick_point(Operator):
         bridge.record_of(obj).picked = index
         found = values_of(obj)
         if found is not None:
-            said = ", ".join(f"{label} {text}" for label, text in rows_of(found[1]))
-            self.report({"INFO"}, f"point {index:,}: {said}")
+            self.report({"INFO"}, ", ".join(lines_of(*found)))
         return {"FINISHED"}
 
 

@@ -28,12 +28,14 @@ def test_rows_are_the_attributes_at_the_point(compared):
     assert pick(index=1234) == {"FINISHED"}
     found = rows(compared)
     for label, name in (
-        ("Error of Estimate", "ts_angle"),
-        ("Error of Delaunay", "delaunay_angle"),
+        ("Angle of Estimate", "ts_angle"),
+        ("Angle of Delaunay", "delaunay_angle"),
     ):
         # Three digits are shown.
-        value = float(found[label].rstrip("°"))
-        assert value == pytest.approx(scenes.get(compared, name)[1234], rel=5e-3)
+        angle, error = found[label].rstrip(")").split("° (")
+        assert float(angle) == pytest.approx(scenes.get(compared, name)[1234], rel=5e-3)
+        kept = scenes.get(compared, name.replace("angle", "error"))
+        assert float(error) == pytest.approx(kept[1234], rel=5e-3)
     sure = scenes.get(compared, "ts_confidence")[1234]
     assert float(found["Confidence"]) == pytest.approx(sure, abs=0.005)
     normal = [float(part) for part in found["Normal"].split(",")]
@@ -47,7 +49,7 @@ def test_estimate_alone_has_no_errors():
     bpy.ops.timescale.estimate_normals()
     pick(index=5)
     found = rows(bpy.context.object)
-    assert not [label for label in found if "Error" in label or "Delaunay" in label]
+    assert not [label for label in found if "Angle" in label]
     assert "Confidence" in found
 
 
@@ -55,7 +57,7 @@ def test_without_truth_the_angle_between_is_said():
     obj = scenes.sphere()
     bpy.ops.timescale.compare_delaunay()
     pick(index=5)
-    value = float(rows(obj)["To Delaunay"].rstrip("°"))
+    value = float(rows(obj)["Angle Between"].partition("°")[0])
     assert value == pytest.approx(scenes.get(obj, "ts_angle")[5], rel=5e-3)
 
 
@@ -79,7 +81,7 @@ def test_active_vertex_is_looked_at_in_edit_mode():
     row, values = picking.values_of(obj)
     assert row == 7
     assert values["ts_angle"] == pytest.approx(expected)
-    assert dict(picking.rows_of(values))["To Delaunay"] == f"{expected:.3g}°"
+    assert dict(picking.rows_of(values))["Angle Between"].startswith(f"{expected:.3g}°")
 
 
 def test_no_point_after_clearing_or_when_none_is_wanted(compared):
