@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Making colors visible: a modifier with a material, and the shading of viewports.
+"""Making colors visible: a modifier with a material, in viewports that show them.
 
 The modifier leaves materials and points of the object alone, so that hiding the
 colors is removing it.
 """
 
-import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
 import bpy
 import numpy as np
+from bpy.app.handlers import persistent
 from bpy.types import Context, Object, Operator
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
-from . import bridge, coloring, picture
+from . import bridge, coloring, picture, views
 from .bridge import making
 from .settings import Returned, settings_of
 
@@ -25,9 +25,6 @@ NAME = bridge.DRESS
 _DISC = "Time-Scale Disc"
 _CARRIED = ".ts_carried_color"
 
-# What changes in viewports.
-_LOOK = ("type", "color_type", "show_specular_highlight", "light", "show_cavity")
-
 # From an object to the copy beside it, in widths of the object.
 _GAP = 1.15
 
@@ -36,19 +33,7 @@ def show(context: Context, objects: Iterable[Object]) -> None:
     """Dress objects in their colors and set the viewports up for them."""
     for obj in objects:
         _dress(obj)
-    settings = settings_of(context)
-    views = dict(_views())
-    if not settings.views_before:
-        before = {key: [getattr(s, name) for name in _LOOK] for key, s in views.items()}
-        settings.views_before = json.dumps(before)
-    for shading in views.values():
-        # Solid shading shows colors at once, without a shader compiled.
-        shading.color_type = "VERTEX"
-        # Light and gloss would change the colors; edges and dents show the shape.
-        shading.show_specular_highlight = False
-        shading.light, shading.show_cavity = "FLAT", True
-        if shading.type in {"WIREFRAME", "MATERIAL"}:
-            shading.type = "SOLID"
+    follow(context)
 
 
 def hide(context: Context, objects: Iterable[Object]) -> None:
@@ -58,32 +43,20 @@ def hide(context: Context, objects: Iterable[Object]) -> None:
         modifier: Any = obj.modifiers.get(NAME)
         if modifier is not None:
             _undress(obj, modifier)
-    settings = settings_of(context)
-    if settings.views_before and not any(_dressed(context)):
-        before = json.loads(settings.views_before)
-        for key, shading in _views():
-            if key in before:
-                for name, value in zip(_LOOK, before[key], strict=False):
-                    setattr(shading, name, value)
-        settings.views_before = ""
+    follow(context)
+
+
+def follow(context: Context) -> None:
+    """Let viewports show colors where there are some, and else what they did."""
+    if any(map(is_dressed, context.scene.objects)):
+        views.show_colors()
+    else:
+        views.hide_colors()
 
 
 def is_dressed(obj: Object | None) -> bool:
     """Whether an object shows its colors."""
     return obj is not None and obj.type in bridge.TYPES and NAME in obj.modifiers
-
-
-def _dressed(context: Context) -> Iterator[Object]:
-    return filter(is_dressed, context.scene.objects)
-
-
-def _views() -> Iterator[tuple[str, Any]]:
-    """Yield a name and the shading of every 3D viewport."""
-    for screen in bpy.data.screens:
-        for index, area in enumerate(screen.areas):
-            for space in area.spaces:
-                if isinstance(space, bpy.types.SpaceView3D):
-                    yield f"{screen.name}/{index}", space.shading
 
 
 def show_beside(context: Context, obj: Object) -> None:
@@ -313,6 +286,44 @@ class TIMESCALE_OT_side_by_side(_OnColors):
 
 NO_TRUTH = "errors need true normals; choose them and compare again"
 
-register, unregister = bpy.utils.register_classes_factory(
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     (TIMESCALE_OT_show_colors, TIMESCALE_OT_hide_colors, TIMESCALE_OT_side_by_side)
 )
+
+
+@persistent  # type: ignore[untyped-decorator]  # untyped in the stubs
+def _follow(*_arguments: object) -> None:
+    # Undo takes the colors of objects back, and leaves viewports alone.
+    follow(bpy.context)
+
+
+@persistent  # type: ignore[untyped-decorator]  # untyped in the stubs
+def _follow_removed(*_arguments: object) -> None:
+    # The last object with colors may be gone.
+    if views.show_them():
+        follow(bpy.context)
+
+
+_HANDLERS = (
+    ("undo_post", _follow),
+    ("redo_post", _follow),
+    ("load_post", _follow),
+    ("depsgraph_update_post", _follow_removed),
+)
+
+
+def register() -> None:
+    """Add the operators, and look after the viewports."""
+    _register_classes()
+    for name, handler in _HANDLERS:
+        getattr(bpy.app.handlers, name).append(handler)
+
+
+def unregister() -> None:
+    """Remove them, and set the viewports back."""
+    for name, handler in _HANDLERS:
+        handlers = getattr(bpy.app.handlers, name)
+        if handler in handlers:
+            handlers.remove(handler)
+    views.hide_colors()
+    _unregister_classes()

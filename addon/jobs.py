@@ -278,6 +278,8 @@ def write_estimate(job: Job, options: Options) -> None:
     sentence = sentence.format_map(summary)
     if summary["noise_percent"] and not summary["from_faces"]:
         sentence += f", noise {summary['noise_percent']:.2g} %"
+    if options.region != "all" and job.weight is not None:
+        sentence += IN_REGION.format(int((job.weight > 0).sum()))
     job.notes.append(("INFO", sentence))
     job.done = True
 
@@ -349,6 +351,7 @@ MEANS = (
 ESTIMATED = "{normals:,} normals, each from {neighbors} neighbors"
 WITH_FACES = "{normals:,} normals, {from_faces:,} of them by the faces around them"
 BY_FACES = "{normals:,} normals, all by the faces around them"
+IN_REGION = "; {:,} vertices of the region have them"
 KEPT = (
     "{invalid:,} of {points:,} points had too few neighbors for a normal; "
     "they keep the one they had"

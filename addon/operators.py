@@ -55,8 +55,13 @@ class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):
 
     def write(self, job: Job) -> None:
         """Write normals."""
-        dress.hide_beside(job.obj)
         jobs.write_estimate(job, self)
+
+    def write_all(self, context: Context, jobs: Sequence[Job]) -> Returned:
+        """Write, and hide the colors of an earlier comparison, which is gone."""
+        returned = super().write_all(context, jobs)
+        dress.hide(context, [job.obj for job in jobs if job.done])
+        return returned
 
     def draw(self, context: Context) -> None:
         """Show the settings in the panel of the last operation."""

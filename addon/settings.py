@@ -107,9 +107,6 @@ class TimeScaleSettings(EstimateOptions, CompareOptions, bpy.types.PropertyGroup
         default=True,
         update=_redraw,
     )
-    views_before: StringProperty(
-        name="Shading Before", description="JSON of how viewports were before colors"
-    )
 
 
 class TimeScaleRecord(bpy.types.PropertyGroup):

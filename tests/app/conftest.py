@@ -39,6 +39,7 @@ bpy.data.batch_remove([*bpy.data.objects, *shapes])
 bpy.context.scene.property_unset("timescale_normals")
 area.spaces.active.shading.type = "SOLID"
 area.spaces.active.shading.color_type = "MATERIAL"
+area.spaces.active.shading.light = "STUDIO"
 area.spaces.active.overlay.show_outline_selected = True
 bpy.ops.ed.undo_push(message="Empty")
 """

@@ -32,6 +32,10 @@ with bpy.context.temp_override(window=window, area=area, region=region):
     bpy.ops.view3d.view_selected()
 area.spaces.active.region_3d.view_distance *= 1.3
 """
+LIGHT = """
+shading = area.spaces.active.shading
+result = [shading.light, shading.color_type]
+"""
 # Gray is 0, the colors of a legend are 0.3 and more.
 COLORFUL = 0.2
 
@@ -246,8 +250,128 @@ def test_one_undo_takes_a_run_back_and_redo_brings_it_again(window):
     window.key("ctrl+z")
     window.wait_for("not " + has("ts_normal"))
     assert window.ask("result = len(bpy.context.object.modifiers)") == 0
+    # Viewports are outside of undo, and follow all the same.
+    assert window.ask(LIGHT) == ["STUDIO", "MATERIAL"]
     window.key("ctrl+shift+z")
     window.wait_for(has("ts_error"))
+    assert window.ask(LIGHT) == ["FLAT", "VERTEX"]
+
+
+def test_viewport_is_as_before_when_the_colored_object_goes(window):
+    add(window, "bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3)")
+    window.press("timescale.compare_delaunay")
+    window.wait_for(has("ts_error"))
+    assert window.ask(LIGHT) == ["FLAT", "VERTEX"]
+    window.move(*window.center())
+    window.key("Delete")
+    window.wait_for("not bpy.data.objects or bpy.context.object is None")
+    window.wait_for("area.spaces.active.shading.light == 'STUDIO'", 5)
+
+
+def test_estimate_after_a_comparison_shows_the_object_as_it_is(window):
+    """Its errors are gone, so colors would stand for nothing."""
+    add(window, "bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3)")
+    window.press("timescale.compare_delaunay")
+    window.wait_for(has("ts_error"))
+    window.press("timescale.estimate_normals")
+    window.wait_for("not " + has("ts_error"))
+    assert window.ask("result = len(bpy.context.object.modifiers)") == 0
+    assert window.ask(LIGHT) == ["STUDIO", "MATERIAL"]
+
+
+TWO_SPHERES = """
+for x in (-2, 2):
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, location=(x, 0, 0))
+    bpy.context.object.select_set(True)
+bpy.ops.object.select_all(action="SELECT")
+bpy.ops.object.join()
+bpy.ops.object.transform_apply(location=True)
+bpy.ops.timescale.estimate_normals()
+"""
+# A key of the user's own, with the mouse where the piece is.
+KEY = """
+keys = bpy.context.window_manager.keyconfigs.addon.keymaps.new(name="Object Mode")
+item = keys.keymap_items.new("timescale.reorient_normals", "J", "PRESS")
+item.properties.mode, item.properties.part = "flip", "piece"
+"""
+NO_KEY = """
+keys = bpy.context.window_manager.keyconfigs.addon.keymaps["Object Mode"]
+for item in keys.keymap_items:
+    if item.idname == "timescale.reorient_normals":
+        keys.keymap_items.remove(item)
+"""
+# Where a place of the world is in the window.
+AT = """
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from mathutils import Vector
+at = location_3d_to_region_2d(region, area.spaces.active.region_3d, Vector({}))
+result = at.x + region.x, at.y + region.y
+"""
+# Which sphere has normals that face out, left and right.
+OUTWARD = """
+import numpy as np
+data = bpy.context.object.data
+points, normals = np.empty((2, len(data.vertices) * 3), np.float32)
+data.attributes["position"].data.foreach_get("vector", points)
+data.attributes["ts_normal"].data.foreach_get("vector", normals)
+points, normals = points.reshape(-1, 3), normals.reshape(-1, 3)
+left = points[:, 0] < 0
+points[:, 0] += np.where(left, 2, -2)
+out = (points * normals).sum(axis=1) > 0
+result = [bool(out[side].all()) for side in (left, ~left)] + [
+    bool((~out)[side].all()) for side in (left, ~left)
+]
+"""
+
+
+def test_piece_under_the_mouse_is_turned_over_and_back(window, picture):
+    add(window, TWO_SPHERES)
+    assert window.ask(OUTWARD) == [True, True, False, False]
+    window.ask(KEY)
+    window.move(*window.ask(AT.format((-2, 0, 0))))
+    window.key("j")
+    window.wait(lambda: window.ask(OUTWARD) == [False, True, True, False], 10)
+    picture()
+    window.move(*window.center())
+    window.key("ctrl+z")
+    assert window.ask(OUTWARD) == [True, True, False, False]
+    window.key("ctrl+shift+z")
+    assert window.ask(OUTWARD) == [False, True, True, False]
+    window.ask(NO_KEY)
+
+
+PICKED = "result = bpy.context.object.data.timescale_normals.picked"
+
+
+def test_clicked_point_says_its_values(window, picture):
+    add(
+        window,
+        "bpy.ops.timescale.add_samples(shape='torus', count=500, noise=0.1)\n"
+        "bpy.ops.timescale.compare_delaunay(truth='true_normal', show_colors=True)",
+    )
+    window.press("timescale.pick_point")
+    window.wait_for(RUNNING)
+    window.move(*window.center())
+    window.key("Escape")
+    window.wait_for(f"not {RUNNING}", 5)
+    assert window.ask(PICKED) == -1
+    # The top of the tube is in nobody's shadow.
+    top = window.ask(
+        """
+data = bpy.context.object.data.attributes["position"].data
+index = max(range(len(data)), key=lambda i: data[i].vector.z)
+result = index, *data[index].vector
+"""
+    )
+    window.press("timescale.pick_point")
+    window.wait_for(RUNNING)
+    window.click(*window.ask(AT.format(tuple(top[1:]))))
+    window.wait_for("bpy.context.object.data.timescale_normals.picked >= 0")
+    assert window.ask(PICKED) == top[0]
+    picture()
+    window.move(*window.center())
+    window.key("ctrl+z")
+    assert window.ask(PICKED) == -1
 
 
 def test_operator_is_found_by_its_name(window):
