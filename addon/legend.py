@@ -23,6 +23,10 @@ _WHITE = (0.92, 0.92, 0.92, 1.0)
 _BACK = (0.0, 0.0, 0.0, 0.7)
 # Of the legend, in pixels at a resolution scale of 1.
 _WIDTH, _BARS, _RAMP, _MARGIN = 300, 46, 10, 12
+# Narrower, its words would be over one another.
+_LEAST = 150
+# The one that the interface has.
+_FONT = 0
 # Where there is room to say between what.
 _TITLES = {
     "angle_deviation": "Angle Between Estimate and Delaunay",
@@ -125,20 +129,31 @@ def _is_beside(obj: Object, measure: str) -> bool:
 
 
 def draw(legend: Legend, context: Context) -> None:
-    """Draw a legend in the pixels of the region."""
+    """Draw a legend in the pixels of the region, where there is room for one."""
     scale = context.preferences.system.ui_scale
-    width, bars, ramp = _WIDTH * scale, _BARS * scale, _RAMP * scale
+    left, right = _room(context)
     pad = _MARGIN * scale
+    width = min(_WIDTH * scale, right - left - 4 * pad)
+    if width < _LEAST * scale:
+        return
     # On the right: the panel of the last operation comes up on the left.
-    sidebar = next((r.width for r in context.area.regions if r.type == "UI"), 0)
-    x = context.region.width - max(1, sidebar) - width - 2 * pad
-    y = (_MARGIN + 26) * scale
-    gpu.state.blend_set("ALPHA")
-    _fill(
-        [(x - pad, y - 26 * scale)],
-        [(width + 2 * pad, bars + ramp + 58 * scale)],
-        [_BACK],
-    )
+    x, y = right - width - 2 * pad, (_MARGIN + 26) * scale
+    height = (_BARS + _RAMP + 58) * scale
+    _fill([(x - pad, y - 26 * scale)], [(width + 2 * pad, height)], [_BACK])
+    _draw_bars(legend, x, y, width, scale)
+    _draw_words(legend, x, y, width, scale)
+
+
+def _room(context: Context) -> tuple[float, float]:
+    """Return where the region is free of tools on its left and of the sidebar."""
+    wide = {region.type: region.width for region in context.area.regions}
+    # Hidden ones are one pixel wide.
+    return wide.get("TOOLS", 0), context.region.width - max(1, wide.get("UI", 0))
+
+
+def _draw_bars(legend: Legend, x: float, y: float, width: float, scale: float) -> None:
+    """Draw the colors, the histogram over them, and marks for the other method's."""
+    bars, ramp = _BARS * scale, _RAMP * scale
     step = width / len(legend.heights)
     lefts = [(x + step * i, y) for i in range(len(legend.heights))]
     _fill(lefts, [(step, ramp)] * len(lefts), legend.colors)
@@ -151,17 +166,19 @@ def draw(legend: Legend, context: Context) -> None:
             for (left, _), height in zip(lefts, legend.beside, strict=True)
         ]
         _fill(marks, [(step, 2 * scale)] * len(marks), [_WHITE] * len(marks))
-    gpu.state.blend_set("NONE")
-    font, size = 0, 11 * scale
-    blf.size(font, size)
-    blf.color(font, *_WHITE)
-    title = y + ramp + bars + 12 * scale
-    _write(font, legend.title, x, title, 0)
-    _write(font, legend.count, x + width, title, 1)
-    below = y - 16 * scale
-    _write(font, legend.low, x, below, 0)
-    _write(font, legend.middle, x + width / 2, below, 0.5)
-    _write(font, legend.high, x + width, below, 1)
+
+
+def _draw_words(legend: Legend, x: float, y: float, width: float, scale: float) -> None:
+    """Write the title over the bars and the values under them."""
+    blf.size(_FONT, 11 * scale)
+    title, below = y + (_RAMP + _BARS + 12) * scale, y - 16 * scale
+    _write(legend.title, x, title, 0)
+    long = blf.dimensions(_FONT, f"{legend.title}  {legend.count}")[0] > width
+    if not long:
+        _write(legend.count, x + width, title, 1)
+    _write(legend.low, x, below, 0)
+    _write(legend.middle, x + width / 2, below, 0.5)
+    _write(legend.high, x + width, below, 1)
 
 
 def draw_point(place: Sequence[float], lines: Sequence[str], context: Context) -> None:
@@ -170,20 +187,19 @@ def draw_point(place: Sequence[float], lines: Sequence[str], context: Context) -
     if at is None:
         return
     scale = context.preferences.system.ui_scale
-    font, size, pad = 0, 11 * scale, 6 * scale
-    blf.size(font, size)
-    width = max(blf.dimensions(font, line)[0] for line in lines)
+    size, pad, off = 11 * scale, 6 * scale, 14 * scale
+    blf.size(_FONT, size)
+    width = max(blf.dimensions(_FONT, line)[0] for line in lines)
     step = 1.4 * size
-    x, y = at.x + 14 * scale, at.y + 14 * scale
-    gpu.state.blend_set("ALPHA")
+    x, y = at.x + off, at.y + off
+    if x + width + pad > _room(context)[1]:
+        x = at.x - off - width
     height = step * len(lines) + pad
     _fill([(x - pad, y - pad)], [(width + 2 * pad, height)], [_BACK])
     for half, color in ((4.5 * scale, (0, 0, 0, 1)), (3 * scale, _WHITE)):
         _fill([(at.x - half, at.y - half)], [(2 * half, 2 * half)], [color])
-    gpu.state.blend_set("NONE")
-    blf.color(font, *_WHITE)
     for row, line in enumerate(reversed(lines)):
-        _write(font, line, x, y + row * step, 0)
+        _write(line, x, y + row * step, 0)
 
 
 def draw_names(obj: Object, context: Context) -> None:
@@ -191,8 +207,7 @@ def draw_names(obj: Object, context: Context) -> None:
     if not bridge.has_attribute(obj, bridge.COLOR_BESIDE):
         return
     scale = context.preferences.system.ui_scale
-    font = 0
-    blf.size(font, 14 * scale)
+    blf.size(_FONT, 14 * scale)
     for shown, name in ((obj, "Estimate"), (bridge.object_beside(obj), "Delaunay")):
         if shown is None:
             continue
@@ -202,12 +217,13 @@ def draw_names(obj: Object, context: Context) -> None:
         ]
         if None not in found:
             x, y = np.mean([p.x for p in found]), max(p.y for p in found)
-            _write(font, name, x, y + 6 * scale, 0.5)
+            _write(name, x, y + 6 * scale, 0.5)
 
 
-def _write(font: int, text: str, x: float, y: float, anchor: float) -> None:
-    blf.position(font, x - anchor * blf.dimensions(font, text)[0], y, 0)
-    blf.draw(font, text)
+def _write(text: str, x: float, y: float, anchor: float) -> None:
+    blf.color(_FONT, *_WHITE)
+    blf.position(_FONT, x - anchor * blf.dimensions(_FONT, text)[0], y, 0)
+    blf.draw(_FONT, text)
 
 
 def _fill(places: Any, sizes: Any, colors: Any) -> None:
@@ -227,4 +243,6 @@ def _fill(places: Any, sizes: Any, colors: Any) -> None:
     batch = batch_for_shader(
         shader, "TRIS", {"pos": corners, "color": tints}, indices=triangles
     )
+    gpu.state.blend_set("ALPHA")
     batch.draw(shader)
+    gpu.state.blend_set("NONE")

@@ -17,6 +17,7 @@ from ..core import GridSurface, InputError, Settings
 from ..core.neighborhoods import neighborhoods_of_all
 from . import bridge
 from .bridge import making
+from .picking import picked_of
 from .settings import Returned, settings_of
 
 # Across a patch drawn as a surface.
@@ -154,8 +155,9 @@ class TIMESCALE_OT_show_patch(Operator):
     bl_idname = "timescale.show_patch"
     bl_label = "Show Patch"
     bl_description = (
-        "Make objects of the patch at the active vertex in Edit Mode, else at the "
-        "point nearest to the 3D cursor: its time-scale grid, jump points and tangents"
+        "Make objects of the patch at a point: its time-scale grid, jump points and "
+        "tangents.\nThe point is the active vertex in Edit Mode, else the picked one, "
+        "else the nearest to the 3D cursor"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender wants a plain set
 
@@ -175,6 +177,8 @@ class TIMESCALE_OT_show_patch(Operator):
             with bridge.object_mode(context):
                 shape = bridge.read_geometry(obj)
                 if picked is None:
+                    picked = picked_of(obj)
+                if picked is None:
                     picked = shape.nearest(context.scene.cursor.location)
                 shape = parted(shape, obj, settings_of(context).split)
                 view = view_of(shape, picked, settings_used(context, obj))
@@ -182,7 +186,7 @@ class TIMESCALE_OT_show_patch(Operator):
         except InputError as error:
             self.report({"ERROR"}, f"{obj.name}: {error}")
             return {"CANCELLED"}
-        self.report({"INFO"}, f"Patch of point {picked}")
+        self.report({"INFO"}, f"Patch of point {picked:,}")
         return {"FINISHED"}
 
 

@@ -122,6 +122,15 @@ def test_patch_of_a_mesh_is_at_the_active_vertex():
     np.testing.assert_allclose(place, scenes.points_of(obj)[17], atol=1e-6)
 
 
+def test_patch_is_at_the_picked_point():
+    obj = scenes.new_cloud(scenes.ball())
+    bpy.ops.timescale.estimate_normals()
+    bpy.ops.timescale.pick_point(index=17)
+    bpy.ops.timescale.show_patch()
+    place = parts()["Patch"].location
+    np.testing.assert_allclose(place, scenes.points_of(obj)[17], atol=1e-6)
+
+
 def test_patch_follows_the_settings_of_the_estimate():
     obj = scenes.new_cloud(scenes.ball())
     bpy.ops.timescale.estimate_normals(neighbors=20)
