@@ -278,7 +278,7 @@ def write_estimate(job: Job, options: Options) -> None:
     sentence = sentence.format_map(summary)
     if summary["noise_percent"] and not summary["from_faces"]:
         sentence += f", noise {summary['noise_percent']:.2g} %"
-    if options.region != "all" and job.weight is not None:
+    if job.weight is not None and not job.weight.all():
         sentence += IN_REGION.format(int((job.weight > 0).sum()))
     job.notes.append(("INFO", sentence))
     job.done = True
