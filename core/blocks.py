@@ -175,7 +175,7 @@ class Blocks:
         size = len(self.order) / len(self.sizes)
         # A disk around the block that holds the neighbors of all its points; a margin
         # for uneven ones.
-        wanted = int(1.2 * (np.sqrt(count) + 1.25 * np.sqrt(size)) ** 2)
+        wanted = int(1.4 * (np.sqrt(count) + 1.25 * np.sqrt(size)) ** 2)
         near, trusted = self._near[0]
         together = len(self.sizes) // len(trusted)
         parents = blocks // together

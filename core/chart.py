@@ -52,13 +52,14 @@ def principal_axes(
         (np.einsum("km,km->m", offsets[i], offsets[j]) / total - mean[i] * mean[j])
         for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     ]
-    # Few numbers a point from here on: double precision costs little and tells a
-    # narrow neighborhood from a line.
-    covariance = [c.astype(np.float64) for c in covariance]
-    n, middle, largest = least_eigenvectors(*covariance)
+    # Few numbers a point: double precision costs little here and tells a narrow
+    # neighborhood from a line. Which way the axes turn in the plane is not so exact.
+    exact = [c.astype(np.float64) for c in covariance]
+    normal, middle, largest = least_eigenvectors(*exact)
+    n = normal.astype(offsets.dtype)
     u, v = _turned_between(*tangent_axes(n), *covariance)
     spans = (largest > 0) & (middle > _LINE * largest)
-    return *(axis.astype(offsets.dtype) for axis in (u, v, n)), spans
+    return u, v, n, spans
 
 
 def _turned_between(u, v, xx, xy, xz, yy, yz, zz):

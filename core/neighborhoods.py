@@ -131,8 +131,9 @@ class _Source:
         )
 
     def _scaled(self, offsets, reach):
-        offsets *= 1 / np.where(reach > 0, reach, 1)
-        return offsets.astype(self.dtype, copy=False)
+        inverse = 1 / np.where(reach > 0, reach, 1)
+        result = np.empty(offsets.shape, dtype=self.dtype)
+        return np.multiply(offsets, inverse, out=result, casting="same_kind")
 
 
 class Nearest(_Source):
