@@ -30,13 +30,13 @@ def noise_in_spacings(nearest: NearestNeighbors) -> tuple[float, float]:
 
     A spacing is the side of the square that each point has for itself.
     """
-    n = len(nearest.points)
+    n = len(nearest)
     rows = nearest.order[:: max(_EVERY, n // _SAMPLES)]
     noise = spacing = 0.0
     for count in (k for k in _SIZES if k < n // 4 or k == _SIZES[0]):
-        index, distance = nearest.neighbors(rows, min(count, n - 1))
+        offsets, distance = nearest.offsets(rows, min(count, n - 1))
         reach = distance[:, -1]
-        share = local_noise(nearest.points, rows, index, reach)
+        share = local_noise(offsets, reach)
         noise = float(np.median(share * reach))
         spacing = float(np.median(reach)) * np.sqrt(np.pi / count)
         if np.median(share) < _THIN:

@@ -62,11 +62,9 @@ def fit_ladder(
         Logarithms of shares and of squared angles: they depend neither on the size of
         the cloud nor on how it is turned.
     """
-    index, distance = nearest.neighbors(rows, max(steps))
+    offsets, distance = nearest.offsets(rows, max(steps))
     reach = np.where(distance[:, -1] > 0, distance[:, -1], 1)
-    points = nearest.points
-    offsets = (points[index] - points[rows][:, None]) / reach[:, None, None]
-    offsets = np.ascontiguousarray(offsets.transpose(2, 1, 0), dtype=np.float32)
+    offsets = (offsets / reach).astype(np.float32)
     widths = np.maximum(distance.T / reach, 1e-6).astype(np.float32)
     square = np.einsum("ikm,ikm->km", offsets, offsets)
     normals, reaches, features = [], [], []
@@ -178,19 +176,22 @@ def _bending(by_term):
     )
 
 
-def local_noise(
-    points: FloatArray, rows: IntArray, index: IntArray, reach: FloatArray
-) -> FloatArray:
-    """Return the noise that quadratic patches leave, in units of their reach, (m,)."""
-    offsets = points[index] - points[rows][:, None]
-    offsets /= np.where(reach > 0, reach, 1)[:, None, None]
-    offsets = np.ascontiguousarray(offsets.transpose(2, 1, 0), dtype=np.float32)
+def local_noise(offsets: FloatArray, reach: FloatArray) -> FloatArray:
+    """Return the noise that quadratic patches leave, in units of their reach, (m,).
+
+    Parameters
+    ----------
+    offsets : (3, k, m)
+        Neighbors less their point.
+    reach : (m,)
+    """
+    offsets = (offsets / np.where(reach > 0, reach, 1)).astype(np.float32)
     weights = np.exp(-_FALL * np.einsum("ikm,ikm->km", offsets, offsets))
-    width = np.ones(len(rows), dtype=np.float32)
+    width = np.ones(len(reach), dtype=np.float32)
     plane, _ = _plane(offsets, weights, width)
     _, (left, *_) = _patches(offsets, weights, width, plane, (QUADRATIC,))
     # Of the weighted squares of an even disk the patch takes its unknowns' share.
-    count = index.shape[1]
+    count = offsets.shape[1]
     spread = (weights * (offsets**2).sum(axis=0)).sum(axis=0)
     total = weights.sum(axis=0) + 1
     free = max(1 - len(_TERMS[QUADRATIC]) * 2 / count, 0.2)

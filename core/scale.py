@@ -55,7 +55,7 @@ def choose_scale(nearest: NearestNeighbors) -> tuple[str, int]:
     best, least = (*_DEFAULT,), np.inf
     asked = _Asked(nearest)
     for patch, (terms, order, steps) in CANDIDATES.items():
-        fitting = tuple(k for k in steps if k <= len(nearest.points) // _EVERY)
+        fitting = tuple(k for k in steps if k <= len(nearest) // _EVERY)
         lowest = np.inf
         for k, error, variance in _errors(asked, terms, order, fitting):
             # Where all is lost in the noise, the least variance is the best bet.
@@ -66,7 +66,7 @@ def choose_scale(nearest: NearestNeighbors) -> tuple[str, int]:
             if score > _RISEN * lowest:
                 break
     patch, neighbors = best
-    return patch, min(neighbors, len(nearest.points) - 1)
+    return patch, min(neighbors, len(nearest) - 1)
 
 
 def _errors(asked, terms, order, steps):
@@ -102,22 +102,18 @@ class _Asked:
 
     def __init__(self, nearest):
         self.nearest = nearest
-        every = max(_EVERY, len(nearest.points) // _SAMPLES)
+        every = max(_EVERY, len(nearest) // _SAMPLES)
         self.rows = nearest.order[::every]
-        self.index = self.distance = np.empty((0, 0))
+        self.offsets, self.distance = np.empty((3, 0, 0)), np.empty((0, 0))
 
     def fit(self, k, terms):
         """Return the Patches of all with k neighbors."""
-        if k > self.index.shape[1]:
-            count = min(_AHEAD * k, _MOST, len(self.nearest.points) // _EVERY)
-            self.index, self.distance = self.nearest.neighbors(self.rows, count)
-        index, reach = self.index[:, :k], self.distance[:, k - 1]
-        points = self.nearest.points
-        offsets = points[index] - points[self.rows][:, None]
-        offsets /= np.where(reach > 0, reach, 1)[:, None, None]
-        return fit_patches(
-            np.ascontiguousarray(offsets.transpose(2, 1, 0)), reach, terms=terms
-        )
+        if k > self.distance.shape[1]:
+            count = min(_AHEAD * k, _MOST, len(self.nearest) // _EVERY)
+            self.offsets, self.distance = self.nearest.offsets(self.rows, count)
+        reach = self.distance[:, k - 1]
+        offsets = self.offsets[:, :k] / np.where(reach > 0, reach, 1)
+        return fit_patches(offsets, reach, terms=terms)
 
 
 def _variance(patches: Patches, k: int) -> FloatArray:

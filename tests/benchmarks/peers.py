@@ -2,7 +2,8 @@
 """Ours and theirs under one signature: prepare(points, neighbors) -> run() -> normals.
 
 What a library wants as its own kind of cloud is made in `prepare`, which is not
-timed; `run` goes from there to normals. CGAL's Python bindings run on one core.
+timed; `run` goes from there to normals. Those that can use all cores do: ours, MeshLib,
+small_gicp, Open3D and CGAL; PyMeshLab and point-cloud-utils run on one.
 """
 
 import numpy as np
