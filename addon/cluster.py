@@ -17,7 +17,7 @@ from ..core import tiles
 from .files.libraries import needed
 from .files.shape import FileError
 
-Fit = Callable[[Iterator[tuple[Any, ...]]], Iterator[tiles.Tile]]
+Fit = Callable[[Iterator[tuple[Any, ...]]], Iterator[Any]]
 
 # Tiles on their way for each worker: one that is computed, one that is there next.
 _AHEAD = 2
@@ -27,7 +27,7 @@ _RETRIES = 5
 
 @contextmanager
 def tile_runner(scheduler: str | None) -> Iterator[Fit]:
-    """Yield what turns tiles into their results, in order.
+    """Yield what calls functions of tiles, and gives their results in order.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ def tile_runner(scheduler: str | None) -> Iterator[Fit]:
         yield lambda tasks: _there(client, tasks)
 
 
-def _here(tasks: Iterator[tuple[Any, ...]]) -> Iterator[tiles.Tile]:
-    for task in tasks:
-        yield tiles.fit_tile(*task)
+def _here(tasks: Iterator[tuple[Any, ...]]) -> Iterator[Any]:
+    for function, *arguments in tasks:
+        yield function(*arguments)
 
 
-def _there(client: Any, tasks: Iterator[tuple[Any, ...]]) -> Iterator[tiles.Tile]:
+def _there(client: Any, tasks: Iterator[tuple[Any, ...]]) -> Iterator[Any]:
     """Keep the workers busy, and no more tiles on their way than that takes."""
     waiting: deque[Any] = deque()
     most = _AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
@@ -69,7 +69,7 @@ def _there(client: Any, tasks: Iterator[tuple[Any, ...]]) -> Iterator[tiles.Tile
 def _submitted(client, task):
     # With the task, which the scheduler keeps: what is scattered is lost with the
     # worker that has it.
-    return client.submit(tiles.fit_tile, *task, pure=False, retries=_RETRIES)
+    return client.submit(*task, pure=False, retries=_RETRIES)
 
 
 def _result(future):

@@ -2,9 +2,10 @@
 """Files larger than memory: cut into tiles on disk, estimated, put together again.
 
 1. A look at all points: how many, where, and a sample of them.
-2. Points go to a file for each tile; each tile is estimated with its halo.
-3. A thinned cloud of all tiles finds the sides, and each normal takes its own there.
-4. Normals go back to the order of the points, and the file is written again.
+2. Points go to a file for each tile; parts of them say what the cloud asks for.
+3. Each tile is estimated with its halo.
+4. A thinned cloud of all tiles finds the sides, and each normal takes its own there.
+5. Normals go back to the order of the points, and the file is written again.
 
 Only the sample, a tile and a piece of the file are in memory at a time.
 """
@@ -19,21 +20,25 @@ import numpy as np
 
 from .. import core
 from ..core import tiles
-from ..core.inputs import snapped
+from ..core.coarse import block_means
+from ..core.inputs import check_size, snapped
+from ..core.partition import Partition, depth_in_box
+from ..core.sheets import NO_MATTER, noise_of_counts
 from .files import streams
 
 Progress = Callable[[float], object]
-Fit = Callable[[Iterator[tuple[Any, ...]]], Iterator[tiles.Tile]]
+Fit = Callable[[Iterator[tuple[Any, ...]]], Iterator[Any]]
 
 # Bytes of memory: of the program itself, of what is read at a time and of the sample,
 # and for each point of a tile and its halo, well above what fifty million points took.
 _BASE, _EACH = 420 << 20, 420
-_SAMPLE = 1_000_000
-# Tiles of more points than are fitted in double precision.
+# Points by which space is cut, at least, and the bytes that each may take meanwhile.
+_SAMPLE, _EACH_OF_SAMPLE = 1_000_000, 250
+# Points of a tile: fewer are not worth one.
 _FEWEST = 110_000
 
-# Parts of the cloud that settings are chosen by, and points of each.
-_PARTS, _OF_PART = 12, 20_000
+# Parts of the cloud that settings are chosen by.
+_PARTS = 256
 
 # Thinned points that find the sides.
 _GUIDES = 120_000
@@ -89,13 +94,11 @@ class _Survey:
     count, finite : int
         Points, and those whose coordinates are finite.
     center : (3,) float64
-    sample : (s, 3) float64, less the center
     """
 
     count: int
     finite: int
     center: Any
-    sample: Any
 
 
 def estimate(
@@ -117,8 +120,8 @@ def estimate(
     memory : int
         Bytes that may be used.
     fit : callable
-        Turns the arguments of `tiles.fit_tile`, one tuple a tile, into its results, in
-        the same order: here, or on other machines.
+        Calls functions, each in a tuple with its arguments, and yields what they
+        return, in the same order: here, or on other machines.
     progress : callable
 
     Returns
@@ -129,6 +132,7 @@ def estimate(
     stream = streams.open_stream(source)
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=".tiles-") as folder:
         run = _Run(stream, settings, memory, Path(folder), progress)
+        run.decide(fit)
         row = run.fit_all(fit)
         run.find_sides()
         stream.write(target, run.normals_in_order())
@@ -147,7 +151,8 @@ class _Run:
         progress: Progress,
     ) -> None:
         self.stream, self.folder, self.progress = stream, folder, progress
-        self.survey = _look_at(stream)
+        room = max(_SAMPLE, (memory - _BASE) // _EACH_OF_SAMPLE)
+        self.survey, sample = _look_at(stream, room)
         if self.survey.finite <= 8:
             raise core.InputError(
                 f"expected at least 9 points, got {self.survey.finite}"
@@ -156,13 +161,15 @@ class _Run:
         if viewpoint is not None:
             place = np.asarray(viewpoint) - self.survey.center
             settings = replace(settings, viewpoint=place)
-        self.partition = tiles.Partition.of(
-            self.survey.sample, _depth(self.survey.finite, memory)
-        )
+        self.depth = _depth(self.survey.finite, memory)
+        self.partition = Partition.of(sample, self.depth)
+        self.cell = _cell_of(sample[:: max(1, len(sample) // _SAMPLE)])
+        del sample
         self.buckets = self._scattered()
         progress(0.1)
-        self.settings, self.noise, self.margin = tiles.resolve(self._parts(), settings)
-        self.cell = _cell_of(self.survey.sample)
+        asked = tiles.asked_of_parts(self._parts(), self.survey.finite)
+        self.plan = tiles.plan_of(asked, settings)
+        self.blocks = self.buckets
         self.valid = self.cut = 0
         self.guides: Any = None
         self.warnings: tuple[str, ...] = ()
@@ -188,25 +195,52 @@ class _Run:
                     bucket.add(rows[part], points[part])
         return made
 
-    def _parts(self) -> Any:
-        """Return parts of the cloud, each whole: around points of some tiles."""
-        filled = [bucket for bucket in self.buckets if bucket.count]
-        every = max(1, len(filled) // _PARTS)
-        parts = []
-        chosen = filled[::every]
-        size = _OF_PART * max(1, _PARTS // len(chosen))
-        for bucket in chosen:
-            points = bucket.read()[1]
-            if len(points) > size:
-                away = ((points - points[len(points) // 2]) ** 2).sum(axis=1)
-                points = points[np.argpartition(away, size)[:size]]
-            parts.append(points)
-        return np.concatenate(parts)
+    def _parts(self) -> list[Any]:
+        """Return parts of the cloud from all over it, each whole: see `tiles`."""
+        filled = [n for n, bucket in enumerate(self.buckets) if bucket.count]
+        chosen = filled[:: max(1, len(filled) // _PARTS)]
+        whole, cut = [], []
+        for number in chosen:
+            points = self.buckets[number].read()[1]
+            low, high = self.partition.low[number], self.partition.high[number]
+            rows = np.linspace(0, len(points) - 1, max(1, _PARTS // len(chosen)))
+            for row in np.unique(rows.astype(np.int64)):
+                part, reach = _nearest_part(points, row)
+                inside = reach <= depth_in_box(part[:1], low, high)[0]
+                (whole if inside else cut).append(part)
+        return whole or cut
+
+    def decide(self, fit: Fit) -> None:
+        """Complete the plan by what only all points say."""
+        plan, depth = self.plan, self.depth
+        if plan.level and plan.halvings is not None:
+            self.blocks = [self._of_blocks(n) for n in range(len(self.buckets))]
+        elif not plan.level and plan.settings.sheets and plan.misfit > NO_MATTER:
+            tasks = (
+                (tiles.misfit_counts, *self._task(number)) for number in self._filled()
+            )
+            self.plan = replace(plan, misfit=noise_of_counts(sum(fit(tasks))))
+        self.progress(0.15 if depth else 0.1)
+
+    def _of_blocks(self, number: int) -> _Bucket:
+        """Write the means of a tile's blocks into a file of their own."""
+        bucket = self.buckets[number]
+        none = np.full(3, np.inf)
+        made = _Bucket(self.folder / f"{number}.blocks", 0, none, -none)
+        if bucket.count:
+            width = self.partition.width(self.survey.finite, bucket.count)
+            times = max(0, (self.plan.halvings or 0) - self.depth)
+            means = block_means(bucket.read()[1], times, width=width)[0]
+            made.add(np.zeros(len(means), dtype=np.int64), means)
+        return made
+
+    def _filled(self) -> list[int]:
+        return [number for number, bucket in enumerate(self.buckets) if bucket.count]
 
     def fit_all(self, fit: Fit) -> dict[str, Any]:
         """Estimate tile by tile; normals and guides are kept."""
-        numbers = [n for n, bucket in enumerate(self.buckets) if bucket.count]
-        results = fit(self._task(number) for number in numbers)
+        numbers = self._filled()
+        results = fit((self._work, *self._task(number)) for number in numbers)
         found = []
         for done, (number, first) in enumerate(zip(numbers, results, strict=True), 1):
             points = self.buckets[number].read()[1]
@@ -218,25 +252,33 @@ class _Run:
             rows = np.flatnonzero(tile.valid)
             rows = rows[tiles.thinned(points[rows], self.cell)]
             found.append((points[rows], normals[rows]))
-            self.progress(0.1 + 0.6 * done / len(numbers))
+            self.progress(0.2 + 0.5 * done / len(numbers))
         self.guides = [np.concatenate(column) for column in zip(*found, strict=True)]
         return {"tiles": len(numbers)}
 
+    @property
+    def _work(self) -> Callable[..., tiles.Tile]:
+        return tiles.fit_noisy_tile if self.plan.level else tiles.fit_tile
+
     def _task(self, number: int) -> tuple[Any, ...]:
-        """Return the arguments of `fit_tile` for a tile and its halo."""
+        """Return what is known of a tile and its halo, as `_work` takes it."""
         low, high = self.partition.low[number], self.partition.high[number]
+        low, high = low - self.plan.margin, high + self.plan.margin
         own = self.buckets[number].read()[1]
-        low, high = low - self.margin, high + self.margin
-        halo = self._around(low, high, number)
-        points = np.concatenate([own, *halo])
-        depth = tiles.depth_in_box(points, low, high)
-        return points, len(own), depth, self.settings, self.noise
+        inner = own
+        if self.blocks is not self.buckets:
+            inner = self.blocks[number].read()[1]
+        known = np.concatenate([inner, *self._around(low, high, number)])
+        around = depth_in_box(known, low, high)
+        if not self.plan.level:
+            return known, len(own), around, self.plan
+        return own, depth_in_box(own, low, high), known, around, self.plan
 
     def _around(self, low: Any, high: Any, number: int | None) -> list[Any]:
-        """Return the points of other tiles in a box."""
+        """Return the points, or the blocks, of other tiles in a box."""
         return [
             points
-            for other, bucket in enumerate(self.buckets)
+            for other, bucket in enumerate(self.blocks)
             if other != number
             for points in bucket.inside(low, high)
         ]
@@ -244,43 +286,46 @@ class _Run:
     def _widened(self, points: Any, tile: tiles.Tile, fit: Fit) -> tiles.Tile:
         """Return a tile whose inexact normals were made again from farther around."""
         normals, valid, exact = tile.normals, tile.valid, tile.exact
-        reach = self.margin
+        reach = self.plan.margin
         for _ in range(_WIDER):
             rows = np.flatnonzero(~exact)
             if not len(rows):
                 break
             reach *= 2
-            (again,) = fit(iter([self._wider_task(points[rows], reach)]))
+            task = self._wider_task(points[rows], reach)
+            (again,) = fit(iter([(self._work, *task)]))
             normals[rows], valid[rows] = again.normals, again.valid
             exact[rows] = again.exact
         return tiles.Tile(normals, valid, exact)
 
     def _wider_task(self, own: Any, reach: float) -> tuple[Any, ...]:
-        """Return the arguments of `fit_tile` for points and all within a reach."""
+        """Return all that is within a reach of some points, as `_work` takes it."""
         low, high = own.min(axis=0) - reach, own.max(axis=0) + reach
-        around = []
+        known, known_away = [], []
         for points in self._around(low, high, None):
             away = tiles.distance_to(points, own)
             # A point at no distance is one of them.
-            near = (away > 0) & (away <= reach)
-            around.append((points[near], away[near]))
-        halo = np.concatenate([part[0] for part in around])
-        away = np.concatenate([part[1] for part in around])
-        everything = len(own) + len(halo) >= self.survey.finite
-        depth = np.concatenate([np.full(len(own), reach), reach - away])
-        if everything:
-            depth[:] = np.inf
-        points = np.concatenate([own, halo])
-        return points, len(own), depth, self.settings, self.noise
+            near = away <= reach if self.plan.level else (away > 0) & (away <= reach)
+            known.append(points[near])
+            known_away.append(away[near])
+        halo, around = np.concatenate(known), reach - np.concatenate(known_away)
+        depth = np.full(len(own), reach)
+        total = sum(bucket.count for bucket in self.blocks)
+        if len(halo) + (0 if self.plan.level else len(own)) >= total:
+            depth[:] = around[:] = np.inf
+        if self.plan.level:
+            return own, depth, halo, around, self.plan
+        depth = np.concatenate([depth, around])
+        return np.concatenate([own, halo]), len(own), depth, self.plan
 
     def find_sides(self) -> None:
         """Find the sides of the guides."""
-        if self.settings.orientation in ("viewpoint", "none"):
+        if self.plan.settings.orientation in ("viewpoint", "none"):
             self.guides = None
             return
         place, normals = self.guides
         outward, sure, self.warnings = tiles.orient_guides(
-            place, normals, self.settings
+            place, normals, self.plan.settings
         )
         self.guides = (place, outward, sure)
         self.progress(0.8)
@@ -300,7 +345,9 @@ class _Run:
             path.unlink()
             found = np.empty(len(rows), record)
             found["row"] = rows
-            found["normal"] = tiles.facing(points, normals, self.settings, self.guides)
+            found["normal"] = tiles.facing(
+                points, normals, self.plan.settings, self.guides
+            )
             order = np.argsort(rows, kind="stable")
             cuts = np.searchsorted(
                 rows[order], streams.ROWS * np.arange(len(names) + 1)
@@ -320,7 +367,7 @@ class _Run:
 
     def row(self) -> dict[str, Any]:
         """Return what the report says."""
-        settings = self.settings
+        settings = self.plan.settings
         return {
             "points": self.survey.count,
             "valid": self.valid,
@@ -334,9 +381,15 @@ class _Run:
         }
 
 
-def _look_at(stream: streams.Stream) -> _Survey:
-    """Count the points, and take every so many of them."""
-    every = max(1, stream.count // _SAMPLE)
+def _look_at(stream: streams.Stream, room: int) -> tuple[_Survey, Any]:
+    """Count the points, and take so many of them, or up to twice that; all of few.
+
+    Returns
+    -------
+    _Survey
+    sample : (s, 3) float64, less the center
+    """
+    every = max(1, stream.count // room)
     total, low, high = np.zeros(3), np.full(3, np.inf), np.full(3, -np.inf)
     count = finite = 0
     sample = []
@@ -353,8 +406,19 @@ def _look_at(stream: streams.Stream) -> _Survey:
             high = np.maximum(high, points.max(axis=0))
     if not finite:
         raise core.InputError("expected finite points, got none")
-    center = snapped(total / finite, float((high - low).max()))
-    return _Survey(count, finite, center, np.concatenate(sample) - center)
+    size = float((high - low).max())
+    check_size(size)
+    center = snapped(total / finite, size)
+    return _Survey(count, finite, center), np.concatenate(sample) - center
+
+
+def _nearest_part(points: Any, row: int) -> tuple[Any, float]:
+    """Return the points nearest to one of them, that first, and how far they reach."""
+    away = np.square(points - points[row]).sum(axis=1)
+    size = min(tiles.PART, len(points))
+    near = np.argpartition(away, size - 1)[:size]
+    near = near[np.argsort(away[near], kind="stable")]
+    return points[near], float(np.sqrt(away[near[-1]]))
 
 
 def _depth(count: int, memory: int) -> int:

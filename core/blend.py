@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from .chart import along
-from .coarse import block_means
+from .coarse import block_means, halvings
 from .graph import NearestNeighbors
 from .inputs import BoolArray, FloatArray, IntArray
 from .ladder import EXACT, NOISY, fit_ladder, turn
+from .scale import NARROWEST
 from .votes import count_votes
 
 # From this noise on, in spacings, patches are fitted as for noisy points.
@@ -100,11 +101,16 @@ class Net:
 
 
 def _layer(matrix, offset, x):
-    """Return what a layer makes of its input (i, m), before it is bent, (o, m)."""
+    """Return what a layer makes of its input (i, m), before it is bent, (o, m).
+
+    In double precision, and rounded: in single precision a column hangs on which
+    others are beside it.
+    """
     result = np.empty((matrix.shape[1], x.shape[1]), dtype=x.dtype)
+    double = matrix.T.astype(np.float64)
     for at in range(0, x.shape[1], _COLUMNS):
         part = slice(at, at + _COLUMNS)
-        np.matmul(matrix.T, x[:, part], out=result[:, part])
+        result[:, part] = double @ x[:, part].astype(np.float64)
     result += offset[:, None]
     return result
 
@@ -220,7 +226,12 @@ def refine_exact(
 
 
 def estimate_noisy(
-    nearest: NearestNeighbors, level: float, noise: float, run: Callable
+    nearest: NearestNeighbors,
+    level: float,
+    noise: float,
+    run: Callable,
+    *,
+    coarse: NearestNeighbors | None = None,
 ) -> Field:
     """Return the field of points with noise.
 
@@ -233,8 +244,13 @@ def estimate_noisy(
     level, noise : float
         See `coarse.noise_in_spacings`.
     run : see `refine_exact`
+    coarse : NearestNeighbors, optional
+        The means, where there are more than those of the points. Scales are then left
+        out.
     """
-    coarse, label = coarse_cloud(nearest, level)
+    label = np.zeros(len(nearest), dtype=np.int64)
+    if coarse is None:
+        coarse, label = coarse_cloud(nearest, level)
     first = Growing(count=len(coarse.points))
 
     def fit(chunk):
@@ -255,6 +271,20 @@ def estimate_noisy(
 def is_enough(count: int) -> bool:
     """Whether so many points can be told noisy or not, and have neighbors to blend."""
     return count > max(NOISY)
+
+
+def is_noisy(level: float, neighbors: int) -> bool:
+    """Whether a cloud is to be treated as a noisy one.
+
+    Parameters
+    ----------
+    level : float
+        See `coarse.noise_in_spacings`.
+    neighbors : int
+        As many as the best patches of one size have. Where points are few the surface
+        bends as noise does; there, however, the narrowest patches are the best.
+    """
+    return level >= NOISY_FROM and neighbors > NARROWEST
 
 
 def fitted_exact(nearest, field, misfit, rows):
@@ -331,9 +361,10 @@ def noisy_votes(nearest, coarse, first, level, noise, rows):
 
 def coarse_cloud(nearest, level):
     """Return the neighbors of the means of blocks, and the block of each point."""
-    means, label = block_means(nearest.points, level)
-    if label is None or not is_enough(len(means)):
+    times = halvings(len(nearest), level)
+    if times is None or not is_enough(2**times):
         return nearest, None
+    means, label = block_means(nearest.points, times)
     return NearestNeighbors(means), label
 
 

@@ -3,14 +3,12 @@
 
 import numpy as np
 
-from .graph import NearestNeighbors
+from .asked import EVERY, Asked
 from .halves import halved, sizes_of_halves
 from .inputs import FloatArray, IntArray
 from .ladder import local_noise
 
-# Points that are asked, of a small cloud a quarter, and the neighbors over which noise
-# is sought, few to many.
-_SAMPLES, _EVERY = 1024, 4
+# The neighbors over which noise is sought, few to many.
 _SIZES = (16, 36, 81, 182, 410, 922)
 
 # Noise is what residuals say once it is thinner than a fifth of the reach.
@@ -25,18 +23,15 @@ _NOISY, _POINTS_PER_SPACING = 0.25, 3.0
 _SMALLEST = 1.5
 
 
-def noise_in_spacings(nearest: NearestNeighbors) -> tuple[float, float]:
+def noise_in_spacings(asked: Asked) -> tuple[float, float]:
     """Return the noise of a cloud in units of its spacing, and in its own.
 
     A spacing is the side of the square that each point has for itself.
     """
-    n = len(nearest)
-    rows = nearest.order[:: max(_EVERY, n // _SAMPLES)]
     noise = spacing = 0.0
-    for count in (k for k in _SIZES if k < n // 4 or k == _SIZES[0]):
-        offsets, distance = nearest.offsets(rows, min(count, n - 1))
-        reach = distance[:, -1]
-        share = local_noise(offsets, reach)
+    for count in (k for k in _SIZES if k < asked.count // EVERY or k == _SIZES[0]):
+        offsets, reach = asked.around(count)
+        share = local_noise(offsets)
         noise = float(np.median(share * reach))
         spacing = float(np.median(reach)) * np.sqrt(np.pi / count)
         if np.median(share) < _THIN:
@@ -44,29 +39,50 @@ def noise_in_spacings(nearest: NearestNeighbors) -> tuple[float, float]:
     return (noise / spacing if spacing > 0 else 0.0), noise
 
 
-def block_means(points: FloatArray, noise: float) -> tuple[FloatArray, IntArray | None]:
-    """Return the means of blocks of points, as many points each as the noise asks for.
+def halvings(count: int, noise: float) -> int | None:
+    """Return how often a cloud is halved to blocks as large as the noise asks for.
 
     Parameters
     ----------
-    points : (n, 3) float64
+    count : int
+        The points of the cloud.
     noise : float
         In spacings: see `noise_in_spacings`.
 
     Returns
     -------
-    means : (b, 3) float64
-        The points themselves where there is little noise.
-    label : (n,) int or None
-        The block of each point; None where each is its own.
+    int or None
+        None where there is little noise, and each point is its own block.
     """
     if noise < _NOISY:
-        return points, None
+        return None
     wanted = max(_SMALLEST * np.sqrt(2), noise * _POINTS_PER_SPACING)
-    count = 2 ** max(0, round(np.log2(len(points) / wanted)))
-    most = -(-len(points) // count)
-    coordinates, order = halved(points, most)
-    sizes = sizes_of_halves(len(points), most)[-1]
+    return max(0, round(np.log2(count / wanted)))
+
+
+def block_means(
+    points: FloatArray, times: int, *, width: int | None = None
+) -> tuple[FloatArray, IntArray]:
+    """Return the means of blocks of points, halves of halves of all.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    times : int
+        How often they are halved.
+    width : int, optional
+        See `halves.halved`.
+
+    Returns
+    -------
+    means : (b, 3) float64
+    label : (n,) int
+        The block of each point.
+    """
+    width = width or len(points)
+    most = -(-width // 2**times)
+    coordinates, order = halved(points, most, width=width)
+    sizes = sizes_of_halves(len(points), most, width)[-1]
     starts = np.cumsum(sizes) - sizes
     means = (np.add.reduceat(coordinates, starts, axis=1) / sizes).T
     label = np.empty(len(points), dtype=np.int64)

@@ -4,12 +4,13 @@
 from dataclasses import dataclass
 from itertools import count
 
+from .asked import Asked
 from .blend import (
-    NOISY_FROM,
     Field,
     error_of_misfit,
     estimate_noisy,
     is_enough,
+    is_noisy,
     refine_exact,
     unsettled,
 )
@@ -20,7 +21,6 @@ from .inputs import BoolArray, FloatArray, IntArray
 from .meshes import MeshNormals, choose_normals, with_faces
 from .neighborhoods import Nearest, Rings, neighborhoods
 from .progress import Progress, between, silent
-from .scale import NARROWEST
 from .settings import Settings
 from .sheets import STAGES, separate, suspects
 from .threads import in_threads
@@ -71,16 +71,13 @@ def from_patches(
 
 def _of_points(asked, source, settings, report):
     """Return what the patches of points give."""
-    if not (isinstance(source, Nearest) and _is_automatic(asked, source.count)):
+    if not (isinstance(source, Nearest) and is_automatic(asked, source.count)):
         fitted, field, separated = _of_one_size(source, report)
         valid, noise, condition = fitted.valid, fitted.noise, fitted.condition
         return Found(field, valid, settings, noise, separated, condition)
     nearest = source.nearest
-    level, noise = noise_in_spacings(nearest)
-    # Where the points are few the surface bends as noise does; there, however, the
-    # narrowest patches of all are the best.
-    wide = (settings.neighbors or 0) > NARROWEST
-    if level >= NOISY_FROM and wide:
+    level, noise = noise_in_spacings(Asked.of(nearest))
+    if is_noisy(level, settings.neighbors or 0):
         field = estimate_noisy(nearest, level, noise, _runner(settings, report, 2))
         valid = (field.normals != 0).any(axis=1)
         return Found(field, valid, settings, noise)
@@ -109,7 +106,7 @@ def _of_mesh(points, faces, source, settings, report):
     return Found(field, mesh.valid, settings, mesh.noise, 0, condition, mesh)
 
 
-def _is_automatic(asked, count):
+def is_automatic(asked: Settings, count: int) -> bool:
     """Whether size and kind of the patches are left to the data, point by point."""
     return (
         asked.method == "auto"

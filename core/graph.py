@@ -37,6 +37,9 @@ class NearestNeighbors:
         Taken off the points; as long as nobody asks for `points` that is no copy.
     threads : int, optional
         As many as there are cores, if not said.
+    cloud : int, optional
+        The points of a cloud that these are a part of: what hangs on how many there
+        are is to be the same as in all of it.
     """
 
     def __init__(
@@ -45,8 +48,10 @@ class NearestNeighbors:
         *,
         center: FloatArray | None = None,
         threads: int | None = None,
+        cloud: int | None = None,
     ) -> None:
         self._given, self._center = points, center
+        self.cloud = cloud or len(points)
         self._threads = threads
         self._starts: dict[int, int] = {}
         self._tree: Any = None

@@ -62,15 +62,18 @@ def fit_ladder(
         Logarithms of shares and of squared angles: they depend neither on the size of
         the cloud nor on how it is turned.
     """
-    offsets, distance = nearest.offsets(rows, max(steps))
-    reach = np.where(distance[:, -1] > 0, distance[:, -1], 1)
+    offsets, _ = nearest.offsets(rows, max(steps))
+    # From coordinates alone: a part of a cloud has the same as all of it.
+    ends = offsets[:, [k - 1 for k in steps]]
+    distance = dict(zip(steps, np.sqrt((ends * ends).sum(axis=0)), strict=True))
+    reach = distance[max(steps)]
+    reach = np.where(reach > 0, reach, 1)
     offsets = (offsets / reach).astype(np.float32)
-    widths = np.maximum(distance.T / reach, 1e-6).astype(np.float32)
     square = np.einsum("ikm,ikm->km", offsets, offsets)
     normals, reaches, features = [], [], []
     before: dict[str, FloatArray] = {}
     for k, kinds in steps.items():
-        width = widths[k - 1]
+        width = np.maximum(distance[k] / reach, 1e-6).astype(np.float32)
         features.append(np.log(width))
         weights = np.exp(square[:k] * (-_FALL / width**2))
         plane, facts = _plane(offsets[:, :k], weights, width)
@@ -176,22 +179,21 @@ def _bending(by_term):
     )
 
 
-def local_noise(offsets: FloatArray, reach: FloatArray) -> FloatArray:
-    """Return the noise that quadratic patches leave, in units of their reach, (m,).
+def local_noise(offsets: FloatArray) -> FloatArray:
+    """Return the noise that quadratic patches leave over neighbors, (m,).
 
     Parameters
     ----------
-    offsets : (3, k, m)
-        Neighbors less their point.
-    reach : (m,)
+    offsets : (3, k, m) float64
+        In units of their reach; so is the noise.
     """
-    offsets = (offsets / np.where(reach > 0, reach, 1)).astype(np.float32)
+    _, count, m = offsets.shape
+    offsets = offsets.astype(np.float32)
     weights = np.exp(-_FALL * np.einsum("ikm,ikm->km", offsets, offsets))
-    width = np.ones(len(reach), dtype=np.float32)
+    width = np.ones(m, dtype=np.float32)
     plane, _ = _plane(offsets, weights, width)
     _, (left, *_) = _patches(offsets, weights, width, plane, (QUADRATIC,))
     # Of the weighted squares of an even disk the patch takes its unknowns' share.
-    count = offsets.shape[1]
     spread = (weights * (offsets**2).sum(axis=0)).sum(axis=0)
     total = weights.sum(axis=0) + 1
     free = max(1 - len(_TERMS[QUADRATIC]) * 2 / count, 0.2)

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .asked import Asked
 from .graph import NearestNeighbors, NeighborGraph
 from .inputs import FloatArray, InputError, IntArray, centered_parts, extent_of
 from .patch import LEAST_NEIGHBORS, Patches, fit_patches, precision
@@ -58,14 +59,19 @@ def neighborhoods(
         points = points if center is None else points - center
         return Rings(points, faces, settings), settings
     nearest = NearestNeighbors(points, center=center, threads=settings.threads)
+    settings = of_nearest(settings, Asked.of(nearest))
+    return Nearest(nearest, settings), settings
+
+
+def of_nearest(settings: Settings, asked: Asked) -> Settings:
+    """Return the settings for nearest points, with kind and size of the patches."""
     if settings.method == "auto" and settings.neighbors is None:
-        patch, count = choose_scale(nearest)
+        patch, count = choose_scale(asked)
         patch = patch if settings.patch == "auto" else settings.patch
         settings = replace(settings, neighbors=count, patch=patch)
     fixed = _fixed(settings)
-    fixed["neighbors"] = min(fixed["neighbors"], len(points) - 1)
-    settings = replace(settings, graph=graph, **fixed)
-    return Nearest(nearest, settings), settings
+    fixed["neighbors"] = min(fixed["neighbors"], asked.count - 1)
+    return replace(settings, graph="nearest", **fixed)
 
 
 def neighborhoods_of_all(
@@ -111,11 +117,11 @@ class _Source:
     `fit_patches` takes.
     """
 
-    def __init__(self, count, settings):
+    def __init__(self, count, settings, cloud=None):
         self.count = count
         self.settings = settings
         self.paper = settings.method == "paper"
-        self.dtype = np.dtype(float) if self.paper else precision(count)
+        self.dtype = np.dtype(float) if self.paper else precision(cloud or count)
 
     def _offsets(self, rows):
         raise NotImplementedError
@@ -140,7 +146,7 @@ class Nearest(_Source):
     """Patches over nearest points."""
 
     def __init__(self, nearest, settings):
-        super().__init__(len(nearest), settings)
+        super().__init__(len(nearest), settings, nearest.cloud)
         self.nearest = nearest
 
     @property
@@ -157,8 +163,11 @@ class Nearest(_Source):
             rows, self.settings.neighbors, radius=self.settings.radius
         )
         # Nearest come first, but for those that a radius leaves out.
+        # From coordinates alone: a part of a cloud has the same as all of it.
         within = self.settings.radius is None
-        reach = distance[:, -1].copy() if within else distance.max(axis=1)
+        farthest = offsets[:, -1]
+        reach = np.sqrt((farthest * farthest).sum(axis=0))
+        reach = reach if within else distance.max(axis=1)
         return self._scaled(offsets, reach), reach
 
 

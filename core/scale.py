@@ -3,9 +3,10 @@
 
 import numpy as np
 
-from .graph import NearestNeighbors
+from .asked import EVERY, Asked
 from .inputs import FloatArray
 from .patch import BIQUADRATIC, CUBIC, Patches, fit_patches, solve_on_disk
+from .solver import Terms
 
 # The patches to choose from. Cubic ones are far ahead where points are exact; under
 # noise their slopes vary twice as much, and wide biquadratic ones take over.
@@ -18,14 +19,6 @@ CANDIDATES = {
 NARROWEST = 16
 _DEFAULT = ("cubic", NARROWEST)
 
-# Points that are asked: enough for a mean square within a few per cent. Of a small
-# cloud a quarter is, and for at most as many neighbors.
-_SAMPLES, _EVERY = 1024, 4
-
-# Neighbors are looked up for steps to come as well, up to four times as many.
-_AHEAD = 4
-_MOST = max(max(steps) for _, _, steps in CANDIDATES.values())
-
 # With every step variance falls and bias grows: where the error is four times the
 # least before, bias has taken over, and the steps beyond are no better.
 _RISEN = 4
@@ -35,7 +28,7 @@ _RISEN = 4
 _LOST = np.radians(10) ** 2
 
 
-def choose_scale(nearest: NearestNeighbors) -> tuple[str, int]:
+def choose_scale(asked: Asked) -> tuple[str, int]:
     """Choose one kind of patch and one number of neighbors for a whole cloud.
 
     Returns
@@ -53,9 +46,8 @@ def choose_scale(nearest: NearestNeighbors) -> tuple[str, int]:
     out of the choice, and so are those beyond one where the error has risen.
     """
     best, least = (*_DEFAULT,), np.inf
-    asked = _Asked(nearest)
     for patch, (terms, order, steps) in CANDIDATES.items():
-        fitting = tuple(k for k in steps if k <= len(nearest) // _EVERY)
+        fitting = tuple(k for k in steps if k <= asked.count // EVERY)
         lowest = np.inf
         for k, error, variance in _errors(asked, terms, order, fitting):
             # Where all is lost in the noise, the least variance is the best bet.
@@ -66,14 +58,14 @@ def choose_scale(nearest: NearestNeighbors) -> tuple[str, int]:
             if score > _RISEN * lowest:
                 break
     patch, neighbors = best
-    return patch, min(neighbors, len(nearest) - 1)
+    return patch, min(neighbors, asked.count - 1)
 
 
 def _errors(asked, terms, order, steps):
     """Yield k, mean square error and variance of the slopes at each step."""
     valid, before = True, None
     for k in steps:
-        fit = asked.fit(k, terms)
+        fit = patches_of(asked, k, terms)
         valid = valid & fit.valid
         if not valid.any():
             return
@@ -97,23 +89,10 @@ def _bias(before, now, valid, shrinks):
     return max(0.0, change - (before[2] - now[2])) / (1 - shrinks) ** 2
 
 
-class _Asked:
-    """The points that are asked, and their neighbors, looked up as steps need them."""
-
-    def __init__(self, nearest):
-        self.nearest = nearest
-        every = max(_EVERY, len(nearest) // _SAMPLES)
-        self.rows = nearest.order[::every]
-        self.offsets, self.distance = np.empty((3, 0, 0)), np.empty((0, 0))
-
-    def fit(self, k, terms):
-        """Return the Patches of all with k neighbors."""
-        if k > self.distance.shape[1]:
-            count = min(_AHEAD * k, _MOST, len(self.nearest) // _EVERY)
-            self.offsets, self.distance = self.nearest.offsets(self.rows, count)
-        reach = self.distance[:, k - 1]
-        offsets = self.offsets[:, :k] / np.where(reach > 0, reach, 1)
-        return fit_patches(offsets, reach, terms=terms)
+def patches_of(asked: Asked, k: int, terms: Terms) -> Patches:
+    """Return the Patches of all points that are asked, with k neighbors."""
+    offsets, reach = asked.around(k)
+    return fit_patches(offsets, reach, terms=terms)
 
 
 def _variance(patches: Patches, k: int) -> FloatArray:

@@ -34,6 +34,13 @@ CANDIDATES = 40
 # most points: clean smooth clouds stay far below, and in noise nearly all do.
 _SUSPECT, _OVER_NOISE = 0.005, 4.0
 
+# Steps of the misfit of most points, an octave has so many, and the one of the least
+# number of single precision, below which all are zero.
+_STEPS, _ZERO = 8, 8 * 150
+
+# Up to here, with some room, the misfit of most points moves no bar.
+NO_MATTER = 0.8 * _SUSPECT / _OVER_NOISE
+
 # Residuals that agree: about a degree, or twice the noise.
 _TOLERANCE = 0.02
 
@@ -150,10 +157,31 @@ def suspects(
     if noise is None:
         known = misfit[valid]
         noise = float(np.median(known, overwrite_input=True)) if len(known) else 0.0
-        # In steps of a twelfth, so that parts of a cloud say the same as all of it.
-        noise = 2.0 ** (np.round(8 * np.log2(noise)) / 8) if noise > 0 else 0.0
+        noise = float(_of_step(_steps(noise)))
     bar = max(_SUSPECT, _OVER_NOISE * noise)
     return np.flatnonzero(valid & (misfit > bar)), noise
+
+
+def _steps(misfit):
+    """Return misfits in steps of a twelfth, so that parts say the same as all."""
+    with np.errstate(divide="ignore"):
+        steps = np.round(_STEPS * np.log2(misfit)) + _ZERO
+    return np.maximum(steps, 0).astype(np.int64)
+
+
+def _of_step(step):
+    return np.where(step > 0, 2.0 ** ((step - _ZERO) / _STEPS), 0.0)
+
+
+def counts_of_steps(misfit: FloatArray) -> IntArray:
+    """Return how many misfits there are of each step: those of parts can be added."""
+    return np.bincount(_steps(misfit), minlength=2 * _ZERO)
+
+
+def noise_of_counts(counts: IntArray) -> float:
+    """Return the noise that `suspects` finds, from the counts of all points."""
+    half = np.searchsorted(np.cumsum(counts), counts.sum() / 2)
+    return float(_of_step(half)) if counts.any() else 0.0
 
 
 def separate(
@@ -228,7 +256,7 @@ def separate(
 
 def _look_around(nearest, rows, index, neighbors):
     """Gather candidates in units of the farthest."""
-    dtype = precision(len(nearest))
+    dtype = precision(nearest.cloud)
     offsets = nearest.toward(index, rows)
     distance = np.sqrt((offsets * offsets).sum(axis=0))
     reach = np.where(distance[-1] > 0, distance[-1], 1)

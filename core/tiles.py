@@ -2,8 +2,9 @@
 """Clouds in tiles: each with as much around it as its normals depend on.
 
 A tile is a box of space with the points in it, its *own*, and those within a margin
-around it, its *halo*. A normal is exact, the same as from the whole cloud, where all
-points that it depends on are known; how far that reaches is known once it is computed.
+around it, its *halo*. What is chosen for a cloud is chosen once, by points from all
+over it. A normal is exact, the same as from the whole cloud, where all points that it
+depends on are known; how far that reaches is known once it is computed.
 """
 
 from dataclasses import dataclass, replace
@@ -11,28 +12,83 @@ from typing import Any
 
 import numpy as np
 
+from .asked import MOST, Asked
+from .blend import (
+    VOTERS,
+    Field,
+    error_of_misfit,
+    estimate_noisy,
+    is_noisy,
+    refine_exact,
+    unsettled,
+)
+from .coarse import halvings, noise_in_spacings
+from .fields import is_automatic
 from .fitted import fit_all
 from .graph import NearestNeighbors
 from .inputs import BoolArray, FloatArray, InputError, IntArray
-from .neighborhoods import Nearest, neighborhoods, unique_points
+from .ladder import EXACT, NOISY
+from .neighborhoods import Nearest, of_nearest, unique_points
 from .orientation import find_orientation
 from .patch import LEAST_NEIGHBORS
-from .scale import choose_scale
-from .settings import Settings
-from .sheets import CANDIDATES, STAGES, separate, suspects
+from .progress import silent
+from .scale import patches_of
+from .settings import PATCHES, Settings
+from .sheets import CANDIDATES, STAGES, counts_of_steps, separate, suspects
 from .threads import in_threads
 
 # How the sides of the normals of tiles can be found.
 ORIENTATIONS = ("auto", "poles", "propagate", "outward", "viewpoint", "none")
 _LOCAL = ("viewpoint", "none")
 
-# A halo is so many neighborhoods wide, as most of so many points have them: what is
-# told apart by sheets depends on neighbors of neighbors, five times over.
-_WIDTHS, _ASKED = 6, 10_000
+# A halo is so many neighborhoods wide, as most points have them: what is told apart by
+# sheets depends on neighbors of neighbors, five times over. Nothing is told apart in
+# noise, but there patches have more neighbors, and normals vote.
+_WIDTHS, _WIDTHS_NOISY = 6, 2
+
+# Points of a part of the cloud that is looked at, and how many of it are asked.
+PART, _OF_PART = MOST + 278, 4
+
+# Neighbors that each round of blending takes, the first fits and the second votes.
+_ROUNDS = (max(EXACT), VOTERS["exact"] - 1)
 
 # Guides that a normal takes its side from.
 _GUIDES = 6
 _CHUNK = 100_000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is decided once for a whole cloud.
+
+    Attributes
+    ----------
+    settings : Settings
+        With kind and size of the patches.
+    count : int
+        The points of the cloud.
+    blended : bool
+        Whether size and kind are left to the data, point by point.
+    level, noise : float
+        See `coarse.noise_in_spacings`; level is zero where the points are exact.
+    misfit : float
+        Of most points, as an angle: see `sheets.suspects`.
+    margin : float
+        A halo as wide as most points need.
+    """
+
+    settings: Settings
+    count: int
+    blended: bool
+    level: float
+    noise: float
+    misfit: float
+    margin: float
+
+    @property
+    def halvings(self) -> int | None:
+        """How often the cloud is halved to blocks; None where each point is one."""
+        return halvings(self.count, self.level)
 
 
 @dataclass(frozen=True)
@@ -53,23 +109,35 @@ class Tile:
     exact: BoolArray
 
 
-def resolve(points: FloatArray, settings: Settings) -> tuple[Settings, float, float]:
-    """Choose for a whole cloud what "auto" and None stand for, by parts of it.
+def asked_of_parts(parts: list[FloatArray], count: int) -> Asked:
+    """Return the points that are asked, from parts of a cloud.
 
     Parameters
     ----------
-    points : (n, 3) float64
-        Parts of the cloud, each with all points that are there.
-    settings : Settings
+    parts : list of (p, 3) float64
+        Each all that is around its first point, nearest first.
+    count : int
+        The points of the cloud.
+    """
+    most = min(MOST, count - 1)
+    found = []
+    for given in parts:
+        kept, _ = unique_points(given)
+        part = given if kept is None else given[kept]
+        for row in range(min(_OF_PART, len(part) - 1)):
+            offsets = np.delete(part, row, axis=0) - part[row]
+            order = np.argsort((offsets * offsets).sum(axis=1))[:most]
+            # Few points that differ: the farthest stands in for those that lack.
+            order = np.pad(order, (0, most - len(order)), mode="edge")
+            found.append(offsets[order])
+    if not found:
+        raise InputError("expected points that differ, got all in one place")
+    offsets = np.ascontiguousarray(np.stack(found).T)
+    return Asked(count, lambda _count: offsets)
 
-    Returns
-    -------
-    settings : Settings
-        With kind and size of the patches.
-    noise : float
-        The misfit of most points, as an angle: see `sheets.suspects`.
-    margin : float
-        A halo as wide as most points need.
+
+def plan_of(asked: Asked, settings: Settings) -> Plan:
+    """Choose for a whole cloud what "auto" and None stand for.
 
     Raises
     ------
@@ -86,31 +154,49 @@ def resolve(points: FloatArray, settings: Settings) -> tuple[Settings, float, fl
             f"expected orientation to be one of {ORIENTATIONS} for a cloud in tiles, "
             f"got {settings.orientation!r}"
         )
-    kept, _ = unique_points(points)
-    points = points if kept is None else points[kept]
-    if settings.method == "auto" and settings.neighbors is None:
-        patch, count = choose_scale(NearestNeighbors(points))
-        patch = patch if settings.patch == "auto" else settings.patch
-        settings = replace(settings, neighbors=count, patch=patch)
-    source, settings = neighborhoods(points, None, settings)
-    assert isinstance(source, Nearest)
-    fitted = fit_all(source, lambda _share: None)
-    noise = suspects(fitted.misfit, fitted.valid)[1]
-    rows = np.arange(0, len(points), max(1, len(points) // _ASKED))
-    count = min(max(settings.neighbors or 0, CANDIDATES), len(points) - 1)
-    _, distance = source.nearest.neighbors(rows, count)
-    margin = _WIDTHS * float(np.median(distance[:, -1]))
-    return settings, noise, max(margin, settings.radius or 0.0)
+    blended = is_automatic(settings, asked.count)
+    settings = of_nearest(settings, asked)
+    count = settings.neighbors or 0
+    level, noise = noise_in_spacings(asked) if blended else (0.0, 0.0)
+    level = level if is_noisy(level, count) else 0.0
+    patches = patches_of(asked, count, PATCHES[settings.patch])
+    misfit = suspects(patches.misfit, patches.valid)[1]
+    if level:
+        times = halvings(asked.count, level)
+        block = 1.0 if times is None else asked.count / 2**times
+        margin = _WIDTHS_NOISY * _reach(asked, max(NOISY) * block)
+    else:
+        margin = _WIDTHS * _reach(asked, max(count, CANDIDATES))
+    margin = max(margin, settings.radius or 0.0)
+    return Plan(settings, asked.count, blended, level, noise, misfit, margin)
 
 
-def fit_tile(
-    points: FloatArray,
-    own: int,
-    depth: FloatArray,
-    settings: Settings,
-    noise: float,
-) -> Tile:
-    """Estimate the normals of a tile: a pure function, whatever the machine.
+def _reach(asked, count):
+    """Return the distance of the neighbor of that number, of most points."""
+    known = min(count, MOST, asked.count - 1)
+    return float(np.median(asked.around(int(known))[1]) * np.sqrt(count / known))
+
+
+def misfit_counts(
+    points: FloatArray, own: int, depth: FloatArray, plan: Plan
+) -> IntArray:
+    """Return how many own points of a tile have each misfit, by `sheets.step_of`.
+
+    Takes what `fit_tile` takes.
+    """
+    del depth
+    kept, inverse = unique_points(points)
+    places = points if kept is None else points[kept]
+    # Points that share a place count once.
+    mine = np.arange(own) if inverse is None else np.unique(inverse[:own])
+    if len(places) <= (plan.settings.neighbors or 0):
+        return counts_of_steps(np.empty(0))
+    fitted = fit_all(_source(places, plan), silent)
+    return counts_of_steps(fitted.misfit[mine][fitted.valid[mine]])
+
+
+def fit_tile(points: FloatArray, own: int, depth: FloatArray, plan: Plan) -> Tile:
+    """Estimate the normals of a tile of exact points: a pure function.
 
     Parameters
     ----------
@@ -121,14 +207,7 @@ def fit_tile(
         How many are own.
     depth : (n,) float64
         How far around each point all points of the cloud are given.
-    settings : Settings
-        As `resolve` returns them.
-    noise : float
-        The misfit of most points of the cloud.
-
-    Returns
-    -------
-    Tile
+    plan : Plan
     """
     kept, inverse = unique_points(points)
     places = points if kept is None else points[kept]
@@ -136,26 +215,35 @@ def fit_tile(
     if len(places) <= LEAST_NEIGHBORS:
         lost = np.zeros(own, dtype=bool)
         return Tile(np.zeros((own, 3)), lost, np.isinf(depth[:own]))
-    few = len(places) <= (settings.neighbors or 0)
+    settings, blended = plan.settings, plan.blended
+    few = len(places) <= max(settings.neighbors or 0, max(EXACT) if blended else 0)
     if few:
-        settings = replace(settings, neighbors=len(places) - 1)
-    source = Nearest(NearestNeighbors(places, threads=settings.threads), settings)
-    fitted = fit_all(source, lambda _share: None)
+        fewer = min(settings.neighbors or 0, len(places) - 1)
+        settings, blended = replace(settings, neighbors=fewer), False
+    source = _source(places, replace(plan, settings=settings))
+    nearest, fitted, run = source.nearest, fit_all(source, silent), _runner(settings)
     normals = fitted.normals
-    rows = suspects(fitted.misfit, fitted.valid, noise)[0]
+    rows = suspects(fitted.misfit, fitted.valid, plan.misfit)[0]
     rows = rows if settings.sheets else rows[:0]
     if len(rows):
-        normals = separate(
-            source.nearest, normals, fitted.misfit, rows, noise, run=_runner(settings)
-        )
+        normals = separate(nearest, normals, fitted.misfit, rows, plan.misfit, run=run)
     needed = fitted.reach if settings.radius is None else settings.radius
     needed = np.inf if few else needed
     depth = depth if kept is None else depth[kept]
-    # Room for rounding: distances come from products.
-    exact = np.asarray(needed) * (1 + 1e-6) <= depth
+    exact = _known(needed, depth)
     if len(rows):
-        exact = _exact_after(source.nearest, exact, depth, rows)
+        exact = _exact_after(nearest, exact, depth, rows, (CANDIDATES,) * STAGES)
+    if blended:
+        rows = unsettled(fitted.misfit, fitted.valid)
+        field = Field(normals, error_of_misfit(fitted.misfit), fitted.reach)
+        normals = refine_exact(nearest, field, fitted.misfit, rows, run).normals
+        exact = _exact_after(nearest, exact, depth, rows, _ROUNDS)
     return Tile(normals[back], fitted.valid[back], exact[back])
+
+
+def _source(places, plan):
+    nearest = NearestNeighbors(places, threads=plan.settings.threads, cloud=plan.count)
+    return Nearest(nearest, plan.settings)
 
 
 def _runner(settings):
@@ -168,21 +256,77 @@ def _runner(settings):
     return run
 
 
-def _exact_after(nearest, exact, depth, rows):
-    """Return which normals are exact after points were told apart by sheets.
+def _known(needed, depth):
+    """Return where all that is needed is given, with room for rounding."""
+    return np.asarray(needed) * (1 + 1e-6) <= depth
 
-    At every stage a point depends on its candidates as the stage before left them.
+
+def _exact_after(nearest, exact, depth, rows, rounds):
+    """Return which normals are exact after rounds over neighbors.
+
+    In every round the normal of a row is made again from its neighbors, so many of
+    them, as the round before left them.
     """
-    count = min(CANDIDATES, len(nearest.points) - 1)
-    index, distance = nearest.neighbors(rows, count)
-    known = distance[:, -1] * (1 + 1e-6) <= depth[rows]
-    if count < CANDIDATES:
-        known &= ~np.isfinite(depth[rows])
-    for _ in range(STAGES):
+    most = min(max(rounds), len(nearest.points) - 1)
+    index = np.empty((len(rows), most), dtype=np.int32)
+    distance = np.empty((len(rows), most))
+    for at in range(0, len(rows), _CHUNK):
+        part = slice(at, at + _CHUNK)
+        index[part], distance[part] = nearest.neighbors(rows[part], most)
+    for count in rounds:
+        needed = distance[:, count - 1] if count <= most else np.inf
+        known = _known(needed, depth[rows])
         after = exact.copy()
-        after[rows] = exact[rows] & known & exact[index].all(axis=1)
+        after[rows] = exact[rows] & known & exact[index[:, :count]].all(axis=1)
         exact = after
     return exact
+
+
+def fit_noisy_tile(
+    points: FloatArray,
+    depth: FloatArray,
+    blocks: FloatArray,
+    around: FloatArray,
+    plan: Plan,
+) -> Tile:
+    """Estimate the normals of a tile of a cloud with noise: a pure function.
+
+    Parameters
+    ----------
+    points : (m, 3) float64
+        The own points, in the coordinates of `fit_tile`.
+    depth : (m,) float64
+        How far around each of them all blocks are given.
+    blocks : (b, 3) float64
+        The means of blocks of points, of the tile and around.
+    around : (b,) float64
+        How far around each mean all of them are given.
+    plan : Plan
+    """
+    exact = np.zeros(len(points), dtype=bool)
+    if len(blocks) <= max(NOISY):
+        return Tile(np.zeros((len(points), 3)), exact, exact)
+    threads = plan.settings.threads
+    coarse = NearestNeighbors(blocks, threads=threads, cloud=plan.count)
+    nearest = NearestNeighbors(points, threads=threads, cloud=plan.count)
+    run = _runner(plan.settings)
+    field = estimate_noisy(nearest, plan.level, plan.noise, run, coarse=coarse)
+    first = _known(_reach_of(coarse, max(NOISY)), around)
+    for at in range(0, len(points), _CHUNK):
+        part = slice(at, at + _CHUNK)
+        distance, index = coarse.tree.query(
+            points[part], k=VOTERS["noisy"], workers=threads or -1
+        )
+        exact[part] = _known(distance[:, -1], depth[part]) & first[index].all(axis=1)
+    return Tile(field.normals, (field.normals != 0).any(axis=1), exact)
+
+
+def _reach_of(nearest, count):
+    """Return the distance of the neighbor of that number, for all points."""
+    reach = np.empty(len(nearest))
+    for rows in nearest.runs(count):
+        reach[rows] = nearest.neighbors(rows, count)[1][:, -1]
+    return reach
 
 
 def thinned(points: FloatArray, size: float) -> IntArray:
@@ -268,68 +412,8 @@ def facing(
     return normals * signs[:, None]
 
 
-def depth_in_box(points: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return how far inside a box points (n, 3) are, (n,); inf in an endless one."""
-    return np.minimum(points - low, high - points).min(axis=1)
-
-
 def distance_to(points: FloatArray, others: FloatArray) -> FloatArray:
     """Return the distance of each point (n, 3) to the nearest of others, (n,)."""
     if not len(points):
         return np.empty(0)
     return np.asarray(NearestNeighbors(others).tree.query(points)[0])
-
-
-@dataclass(frozen=True)
-class Partition:
-    """Space cut into boxes by planes across the axes, one box a tile.
-
-    Attributes
-    ----------
-    axis, cut : (2^d - 1,)
-        Of the planes, halves of halves: the children of i are 2 i + 1 and 2 i + 2.
-    low, high : (2^d, 3) float64
-        Corners of the boxes, infinite at the border.
-    """
-
-    axis: IntArray
-    cut: FloatArray
-    low: FloatArray
-    high: FloatArray
-
-    @classmethod
-    def of(cls, sample: FloatArray, depth: int) -> "Partition":
-        """Cut space so that 2^depth boxes hold as many points of a sample each."""
-        axis = np.zeros(2**depth - 1, dtype=np.int64)
-        cut = np.zeros(2**depth - 1)
-        parts = [(sample, np.full(3, -np.inf), np.full(3, np.inf))]
-        for node in range(len(axis)):
-            points, low, high = parts[node]
-            span = np.ptp(points, axis=0) if len(points) else np.ones(3)
-            axis[node] = along = int(span.argmax())
-            values = points[:, along]
-            cut[node] = at = float(np.median(values)) if len(values) else 0.0
-            left = values < at
-            split_low, split_high = low.copy(), high.copy()
-            split_high[along] = split_low[along] = at
-            parts.append((points[left], low, split_high))
-            parts.append((points[~left], split_low, high))
-        leaves = parts[len(axis) :]
-        return cls(
-            axis,
-            cut,
-            np.array([leaf[1] for leaf in leaves]),
-            np.array([leaf[2] for leaf in leaves]),
-        )
-
-    def __len__(self) -> int:
-        return len(self.low)
-
-    def box_of(self, points: FloatArray) -> IntArray:
-        """Return the box of each point, (n,) int."""
-        node = np.zeros(len(points), dtype=np.int64)
-        rows = np.arange(len(points))
-        while len(self.axis) and node[0] < len(self.axis):
-            right = points[rows, self.axis[node]] >= self.cut[node]
-            node = 2 * node + 1 + right
-        return node - len(self.axis)

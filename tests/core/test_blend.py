@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from core import Settings, blend, compare_normals, estimate_normals, shapes
-from core.coarse import block_means, noise_in_spacings
+from core.asked import Asked
+from core.coarse import block_means, halvings, noise_in_spacings
 from core.graph import NearestNeighbors
 from core.ladder import EXACT, NOISY, fit_ladder
 from core.votes import count_votes
@@ -61,7 +62,7 @@ def test_features_do_not_depend_on_size_place_or_turn():
 @pytest.mark.parametrize("level", [0.1, 0.5, 2.0, 4.0])
 def test_noise_is_found_in_units_of_the_spacing(level):
     points, _, noise = noisy_sphere(level)
-    found, absolute = noise_in_spacings(NearestNeighbors(points))
+    found, absolute = noise_in_spacings(Asked.of(NearestNeighbors(points)))
     # Sixteen neighbors leave a quadratic patch little to go by, and at four spacings
     # the neighborhoods bend: what is wanted is a level, not a measurement.
     assert found == pytest.approx(level, rel=0.5)
@@ -70,12 +71,12 @@ def test_noise_is_found_in_units_of_the_spacing(level):
 
 def test_exact_points_show_no_noise():
     points, _, _ = shapes.BUMPY.sample(20_000, 1, even=False)
-    assert noise_in_spacings(NearestNeighbors(points))[0] < 0.01
+    assert noise_in_spacings(Asked.of(NearestNeighbors(points)))[0] < 0.01
 
 
 def test_blocks_hold_all_points_and_neighbors_only():
     points, _, _ = noisy_sphere(2.0)
-    means, label = block_means(points, 2.0)
+    means, label = block_means(points, halvings(len(points), 2.0))
     sizes = np.bincount(label, minlength=len(means))
     assert sizes.sum() == len(points)
     # Halves of halves differ by one.
@@ -89,10 +90,7 @@ def test_blocks_hold_all_points_and_neighbors_only():
 
 
 def test_points_without_noise_are_their_own_blocks():
-    points = np.random.default_rng(0).normal(size=(500, 3))
-    means, label = block_means(points, 0.1)
-    assert means is points
-    assert label is None
+    assert halvings(500, 0.1) is None
 
 
 def test_votes_find_both_sides_of_an_edge():

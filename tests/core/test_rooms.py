@@ -29,6 +29,7 @@ CORE_ORDER = (
     "chart",
     "solver",
     "patch",
+    "asked",
     "scale",
     "ladder",
     "coarse",
@@ -58,6 +59,7 @@ CORE_ORDER = (
     "shapes",
     "experiment",
     "raster",
+    "partition",
     "tiles",
     "__init__",
 )
