@@ -94,7 +94,7 @@ class Net:
         scores = _layer(matrix, offset, hidden)
         weights = np.exp(scores - scores.max(axis=0))
         weights /= weights.sum(axis=0)
-        error = self.error[:-1] @ hidden + self.error[-1]
+        error = _layer(self.error[:-1, None], self.error[-1:], hidden)[0]
         normals = np.einsum("cm,cim->im", weights, aligned(candidates))
         length = np.sqrt((normals * normals).sum(axis=0))
         return normals / np.where(length > 0, length, 1), weights, error
