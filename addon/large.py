@@ -199,7 +199,8 @@ class _Run:
         """Return parts of the cloud from all over it, each whole: see `tiles`."""
         filled = [n for n, bucket in enumerate(self.buckets) if bucket.count]
         chosen = filled[:: max(1, len(filled) // _PARTS)]
-        whole, cut = [], []
+        whole: list[Any] = []
+        cut: list[Any] = []
         for number in chosen:
             points = self.buckets[number].read()[1]
             low, high = self.partition.low[number], self.partition.high[number]
@@ -219,7 +220,9 @@ class _Run:
             tasks = (
                 (tiles.misfit_counts, *self._task(number)) for number in self._filled()
             )
-            self.plan = replace(plan, misfit=noise_of_counts(sum(fit(tasks))))
+            self.plan = replace(
+                plan, misfit=noise_of_counts(np.sum(list(fit(tasks)), axis=0))
+            )
         self.progress(0.15 if depth else 0.1)
 
     def _of_blocks(self, number: int) -> _Bucket:

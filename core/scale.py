@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How far a patch should reach, and with which terms: what the data ask for."""
 
+from typing import Any
+
 import numpy as np
 
 from .asked import EVERY, Asked
@@ -63,7 +65,8 @@ def choose_scale(asked: Asked) -> tuple[str, int]:
 
 def _errors(asked, terms, order, steps):
     """Yield k, mean square error and variance of the slopes at each step."""
-    valid, before = True, None
+    valid: Any = True
+    before = None
     for k in steps:
         fit = patches_of(asked, k, terms)
         valid = valid & fit.valid
