@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 
 from .. import core
+from ..core.winding import find_flipped_faces
 from . import bridge, jobs
 from .files.shape import FileError, Polygons, Shape
 from .jobs import Job
@@ -118,8 +119,17 @@ def shapes_of_scene() -> list[Job]:
     return [Job(obj.session_uid, obj.name) for obj in found]
 
 
-def estimate(settings: core.Settings, progress: Progress) -> list[dict[str, Any]]:
+def estimate(
+    settings: core.Settings, progress: Progress, *, repair: bool = False
+) -> list[dict[str, Any]]:
     """Estimate the normals of all objects of the scene and write them to the objects.
+
+    Parameters
+    ----------
+    settings : core.Settings
+    progress : callable
+    repair : bool
+        Wind the faces of meshes alike and outward before.
 
     Returns
     -------
@@ -135,15 +145,28 @@ def estimate(settings: core.Settings, progress: Progress) -> list[dict[str, Any]
 
         try:
             bridge.check_writable(job.obj)
+            turned = _wound_alike(job, settings.nested) if repair else {}
             job.settings = settings
             job.geometry = bridge.read_geometry(job.obj)
             jobs.read_split(job, options)
             jobs.estimate(job, show)
             jobs.write_estimate(job, options)
-            rows.append({"name": job.name} | jobs.summary_of(job))
+            rows.append({"name": job.name} | jobs.summary_of(job) | turned)
         except core.InputError as error:
             rows.append({"name": job.name, "error": str(error)})
     return rows
+
+
+def _wound_alike(job: Job, nested: str) -> dict[str, Any]:
+    """Turn over faces that wind against the others or inward; return how many."""
+    shape = bridge.read_geometry(job.obj)
+    if shape.faces is None:
+        raise core.InputError("expected a mesh to repair, got points alone")
+    winding = find_flipped_faces(shape.points, shape.faces, nested=nested)
+    turned = bridge.read_faces(job.obj, ()).faces_of(winding.flipped)
+    if turned.any():
+        bridge.turn_over(job.obj, turned)
+    return {"faces": len(turned), "flipped_faces": int(turned.sum())}
 
 
 def read_shapes(path: Path) -> dict[str, Shape]:

@@ -169,7 +169,9 @@ def _scenes(name: str) -> Any:
     return import_module(".scenes", __package__)
 
 
-def _estimate_scene(task: Task, target: Path, progress: Progress) -> dict[str, Any]:
+def _estimate_scene(
+    task: Task, target: Path, progress: Progress, *, repair: bool = False
+) -> dict[str, Any]:
     """Estimate the normals of all objects of a scene and write it with them."""
     if not _is_scene(task.target or ""):
         raise OutputError("a scene becomes a scene: .blend, .glb, .gltf or .usd")
@@ -179,16 +181,15 @@ def _estimate_scene(task: Task, target: Path, progress: Progress) -> dict[str, A
     settings = to_settings(task.settings)
     with silence():
         scenes.open_scene(Path(task.source))
-        rows = scenes.estimate(settings, progress)
+        rows = scenes.estimate(settings, progress, repair=repair)
     done = [row for row in rows if "error" not in row]
     if not done:
         raise files.FileError(f"{rows[0]['name']}: {rows[0]['error']}")
     with whole(target, overwrite=task.overwrite) as path, silence():
         scenes.save_scene(path)
-    totals = {
-        name: sum(row[name] for row in done)
-        for name in ("points", "valid", "invalid", "from_faces")
-    }
+    counts = ["points", "valid", "invalid", "from_faces"]
+    counts += ["faces", "flipped_faces"] if repair else []
+    totals = {name: sum(row[name] for row in done) for name in counts}
     wrong = [f"{row['name']}: {row['error']}" for row in rows if "error" in row]
     return totals | {"objects": rows, "warnings": wrong}
 
@@ -416,6 +417,8 @@ def _repair(task: Task, progress: Progress) -> dict[str, Any]:
     assert task.target is not None
     with whole(Path(task.target), overwrite=task.overwrite):
         files.format_of(Path(task.target))
+    if _is_scene(task.source):
+        return _estimate_scene(task, Path(task.target), progress, repair=True)
     shape = files.read(Path(task.source))
     if shape.polygons is None or shape.faces is None:
         raise files.FileError("expected a mesh to repair, got points alone")

@@ -29,6 +29,7 @@ from .normals import (
     read_shaded,
     turn_faces,
     turn_normals,
+    turn_over,
     write_estimate,
     write_preview,
 )
@@ -132,6 +133,7 @@ __all__ = [
     "targets",
     "turn_faces",
     "turn_normals",
+    "turn_over",
     "values_at",
     "with_progress",
     "write_estimate",

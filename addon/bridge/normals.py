@@ -206,8 +206,13 @@ def turn_faces(obj: Object, which: Array, corners: Corners) -> Corners:
 
     Not a part of what `clear_results` brings back.
     """
-    was = polygons.turn_over(data_of(obj), which)
+    was = turn_over(obj, which)
     return replace(corners, normals=corners.normals[was], valid=corners.valid[was])
+
+
+def turn_over(obj: Object, which: Array) -> Array:
+    """Turn some faces of a mesh, (f,) bool; return where each corner was, (c,) int."""
+    return polygons.turn_over(data_of(obj), which)
 
 
 def write_preview(obj: Object, colors: Array) -> None:

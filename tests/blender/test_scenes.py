@@ -11,7 +11,7 @@ from bl_ext.user_default.timescale_normals.addon import cli, files, scenes
 from bl_ext.user_default.timescale_normals.addon.files.shape import Shape
 from bl_ext.user_default.timescale_normals.core import shapes
 
-SUFFIXES = [".blend", ".glb", ".gltf", ".usd", ".usda", ".usdc"]
+SUFFIXES = [".blend", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz"]
 
 
 def save_scene(path: Path) -> None:
@@ -51,6 +51,34 @@ def test_objects_of_a_scene_get_normals(suffix, tmp_path, capfd):
         # Normals of an icosphere's vertices are exact in its symmetric corners and
         # a tenth of a degree off elsewhere.
         assert (np.einsum("ij,ij->i", outward, shape.normals) > 0.9999).all()
+
+
+@pytest.mark.parametrize("suffix", [".blend", ".glb", ".usdc"])
+def test_faces_of_a_scene_are_wound_outward(suffix, tmp_path):
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    for name, x in (("Sound", 0.0), ("Turned", 5.0)):
+        bpy.ops.mesh.primitive_uv_sphere_add(location=(x, 0, 0))
+        bpy.context.object.name = bpy.context.object.data.name = name
+        bpy.ops.object.shade_smooth()
+    mesh = bpy.data.meshes["Turned"]
+    for face in list(mesh.polygons)[::3]:
+        face.flip()
+    scenes.save_scene(tmp_path / f"a{suffix}")
+    report = tmp_path / "r.json"
+    command = ["repair", str(tmp_path / f"a{suffix}"), "--report", str(report)]
+    assert cli.main([*command, "-o", str(tmp_path / f"b{suffix}")]) == 0
+    row = json.loads(report.read_text("utf-8"))["files"][0]
+    flipped = {item["name"]: item["flipped_faces"] for item in row["objects"]}
+    assert flipped["Sound"] == 0
+    assert flipped["Turned"] > 150
+    found = scenes.read_shapes(tmp_path / f"b{suffix}")
+    assert len(found) == 2
+    for shape in found.values():
+        middle = shape.points.mean(axis=0)
+        corners = shape.points[shape.faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        assert (np.einsum("ij,ij->i", across, corners[:, 0] - middle) > 0).all()
+        assert ((shape.normals * (shape.points - middle)).sum(axis=1) > 0).all()
 
 
 def test_a_blend_file_holds_the_attributes(tmp_path):
