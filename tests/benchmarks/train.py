@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import training
 
 from core import Settings, blend, shapes
+from core.asked import Asked
 from core.coarse import noise_in_spacings
 from core.fields import base_field
 from core.fitted import fit_all
@@ -104,7 +105,7 @@ class Case:
 def make_case(points, truth, kind):
     """Return the Case of a cloud, with the points to look at drawn."""
     nearest = NearestNeighbors(points)
-    case = Case(kind, nearest, truth, *noise_in_spacings(nearest))
+    case = Case(kind, nearest, truth, *noise_in_spacings(Asked.of(nearest)))
     case.rows = np.arange(len(points))
     if case.exact:
         source, _ = neighborhoods(points, None, Settings())
