@@ -280,7 +280,7 @@ def test_points_are_asked_from_parts_that_are_whole(noise):
     parts = [points[np.r_[row, nearest.neighbors([row], 1200)[0][0]]] for row in rows]
     parts = asked_of_parts(parts, len(points))
     offsets, reach = parts.around(122)
-    assert offsets.shape == (4 * len(rows), 122, 3)
+    assert offsets.shape == (3, 122, 4 * len(rows))
     far = nearest.neighbors(rows, 122)[1][:, -1]
     np.testing.assert_allclose(reach[::4], far, rtol=1e-9)
     one, other = plan_of(parts, Settings()), planned(points, Settings())
