@@ -33,7 +33,7 @@ _RUN, _RUN_COUNT = _BRANCH**2, 16
 _SPARE = 4
 
 # Searching for all points of a block is worth it when one of so many is asked for.
-_ASKED = 6
+_ASKED = 5
 
 # Numbers in an array of distances at a time.
 _BATCH = 1 << 17
@@ -148,8 +148,7 @@ class Blocks:
 
     def runs(self, count: int) -> IntArray:
         """Return where runs for `count` neighbors begin, and n at the end."""
-        parents = max(1, _RUN * _RUN_COUNT // (_BRANCH * max(count, _RUN_COUNT)))
-        return np.append(self.starts[: -1 : parents * _BRANCH], self.starts[-1])
+        return np.append(self.starts[: -1 : _run_of(count)], self.starts[-1])
 
     def between(self, start: int, end: int) -> IntArray | None:
         """Return the blocks of a run; None where others than whole runs are meant."""
@@ -205,14 +204,21 @@ class Blocks:
 
     def search_some(self, places: IntArray, count: int) -> Found:
         """Return the nearest points of any points, in blocks where many are asked."""
-        of_points = np.searchsorted(self.starts, places, side="right") - 1
-        blocks, which = np.unique(of_points, return_inverse=True)
-        sizes = self.sizes[blocks]
-        if _ASKED * len(places) < sizes.sum():
+        own = np.searchsorted(self.starts, places, side="right") - 1
+        blocks, which = np.unique(own, return_inverse=True)
+        if _ASKED * len(places) < self.sizes[blocks].sum():
             return self.search_each(places, count)
-        before = np.cumsum(sizes) - sizes
-        rows = before[which] + places - self.starts[of_points]
-        return self.search(blocks, count).only(rows)
+        found = Found.nothing(len(places), count)
+        step = _run_of(count)
+        by_block = np.argsort(which, kind="stable")
+        cuts = np.searchsorted(which[by_block], np.arange(step, len(blocks), step))
+        for at, rows in enumerate(np.split(by_block, cuts)):
+            part = blocks[at * step : (at + 1) * step]
+            before = np.cumsum(self.sizes[part]) - self.sizes[part]
+            at_run = before[which[rows] - at * step] + places[rows]
+            at_run -= self.starts[own[rows]]
+            found.put(rows, self.search(part, count).only(at_run))
+        return found
 
     def search_each(self, places: IntArray, count: int) -> Found:
         """Return the nearest points of any points, each searched for by itself."""
@@ -386,6 +392,11 @@ def _numbered(numbers):
 def _children(parents, together):
     """Return the boxes below boxes, of which each has so many, (..., together)."""
     return parents[..., None] * together + np.arange(together)
+
+
+def _run_of(count):
+    """Return how many blocks are searched in one go: all of so many parents."""
+    return max(1, _RUN * _RUN_COUNT // (_BRANCH * max(count, _RUN_COUNT))) * _BRANCH
 
 
 def _touched(wanted, size):

@@ -45,6 +45,22 @@ def test_runs_have_the_neighbors_of_single_searches(name, count):
         assert (index != rows[:, None]).all()
 
 
+@pytest.mark.parametrize("name", ["surface", "uneven", "grid"])
+def test_any_points_have_the_neighbors_of_single_searches(name):
+    points = CLOUDS[name]
+    nearest = NearestNeighbors(points)
+    # More blocks than are searched in one go, in any order, one of them twice.
+    rows = np.random.default_rng(0).permutation(len(points))[: len(points) // 2]
+    rows = np.append(rows, rows[:1])
+    expected, _ = nearest.tree.query(points[rows], k=61)
+    index, distance = nearest.neighbors(rows, 60)
+    np.testing.assert_allclose(distance, expected[:, 1:], rtol=1e-6, atol=1e-12)
+    offsets, _ = nearest.offsets(rows, 60)
+    np.testing.assert_array_equal(
+        offsets.transpose(2, 1, 0), points[index] - points[rows][:, None]
+    )
+
+
 def test_what_is_certain_on_a_surface():
     points = CLOUDS["surface"]
     blocks = Blocks(points)
