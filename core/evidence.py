@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .averages import Averages
-from .faces import Triangles
+from .faces import Triangles, squares
 from .inputs import FloatArray, IntArray
 
 # Vertices that are looked at, at most.
@@ -167,13 +167,8 @@ def edge_misfit(
     mean of the normals at both ends leans along the edge.
     """
     i, j = edges
-    square = np.zeros(len(i))
-    leans = np.zeros((len(fields), len(i)))
-    for axis in range(3):
-        along = points[j, axis] - points[i, axis]
-        square += along * along
-        for row, normals in enumerate(fields):
-            leans[row] += (normals[i, axis] + normals[j, axis]) * along
+    square = squares(points[j] - points[i])
+    leans = _leans(points, edges, fields)
     leans *= leans
     np.divide(leans, 4 * square, out=leans, where=square > 0)
     count = len(points)
@@ -190,18 +185,26 @@ def mesh_misfit(mesh: Triangles, fields: Sequence[FloatArray]) -> list[float]:
     """
     total = [0.0] * len(fields)
     points, faces, sides = mesh.points, mesh.faces, mesh.sides
+    whole, half = mesh.doubled_areas > 0, sides.sum(axis=1) / 2
     for corner in range(3):
         here, after = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
         # The cosine and the sine, both times the sides beside the corner.
-        cosine = np.maximum(sides.sum(axis=1) / 2 - sides[:, corner], 0)
-        share = np.divide(
-            cosine,
-            mesh.doubled_areas,
-            out=np.zeros_like(cosine),
-            where=mesh.doubled_areas > 0,
-        )
-        along = points[after] - points[here]
-        for row, normals in enumerate(fields):
-            lean = np.einsum("ij,ij->i", normals[here] + normals[after], along)
+        share = np.maximum(half - sides[:, corner], 0)
+        np.divide(share, mesh.doubled_areas, out=share, where=whole)
+        share[~whole] = 0
+        leans = _leans(points, (here, after), fields)
+        for row, lean in enumerate(leans):
             total[row] += float(np.einsum("i,i,i->", share, lean, lean))
     return total
+
+
+def _leans(points, edges, fields):
+    """Return how the sums of normals at both ends lean along edges, (f, e)."""
+    i, j = edges
+    result = np.zeros((len(fields), len(i)))
+    # Axis by axis: arrays of vectors would be three times as large.
+    for axis in range(3):
+        along = points[j, axis] - points[i, axis]
+        for row, normals in enumerate(fields):
+            result[row] += (normals[i, axis] + normals[j, axis]) * along
+    return result

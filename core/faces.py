@@ -8,7 +8,7 @@ References
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -334,7 +334,7 @@ def unit(vectors: FloatArray) -> FloatArray:
     """Return vectors at length one, and zero vectors as they are, (..., 3)."""
     # Scaled first: the square of a very small or very large component would be
     # rounded to zero or to infinity.
-    top = np.abs(vectors).max(axis=-1, keepdims=True)
+    top = reduce(np.maximum, np.moveaxis(np.abs(vectors), -1, 0))[..., None]
     scaled = np.divide(vectors, top, out=np.zeros_like(vectors), where=top > 0)
-    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
+    length = np.sqrt(np.einsum("...i,...i->...", scaled, scaled))[..., None]
     return np.divide(scaled, length, out=scaled, where=length > 0)

@@ -21,6 +21,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import memory
 import numpy as np
 import orientation_report
 import orienters
@@ -118,12 +119,12 @@ def _one(name, path):
     method = orienters.METHODS[name][1]
     # Imports, thread pools and the like are paid here.
     method(stress.sampled(stress.shapes.BUMPY, 2000)[0], lambda: None)
-    before = _reset_peak()
+    before = memory.reset_peak()
     marks = []
     normals = method(
         points, lambda: marks.append((time.perf_counter(), time.process_time()))
     )
-    peak = _status("VmHWM") - before
+    peak = memory.peak() - before
     wrong = (np.asarray(normals) * truth).sum(axis=1) < 0
     np.save(Path(path).with_name(f"{name}.npy"), wrong)
     share = 100 * wrong[counted].mean()
@@ -133,17 +134,6 @@ def _one(name, path):
     sys.stdout.flush()
     # Some peers crash while Python ends, after their work is done.
     os._exit(0)
-
-
-def _reset_peak():
-    """Forget the peak of memory so far and return what is in use, in MB."""
-    Path("/proc/self/clear_refs").write_text("5")
-    return _status("VmRSS")
-
-
-def _status(key):
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(a.split()[1]) / 1e3 for a in lines if a.startswith(key + ":"))
 
 
 def _say(text):
