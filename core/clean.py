@@ -11,14 +11,15 @@ import numpy as np
 
 from .averages import Averages
 from .evidence import edge_misfit, mesh_misfit
-from .faces import Triangles
+from .faces import Triangles, unit
 from .fitted import Fitted
 from .inputs import BoolArray, FloatArray
 
-# Angle weights where they fit the edges better than those of Max by this factor, or
-# vertices stray from patches by so much of what faces turn: on spheres the latter are
-# exact, on decimated and rough surfaces the former are better.
-_FIT_BETTER, _STRAYING = 0.905, 0.15
+# Angle weights where they fit the edges better than those of Max by the first factor,
+# or vertices stray from patches by the last share of what faces turn; those of Max from
+# the other ends on; between them the mean of both. On spheres the latter are exact, on
+# decimated and rough surfaces the former are better.
+_FIT_BETTER, _STRAYING = (0.88, 0.93), (0.13, 0.17)
 
 # A patch stands where its squared misfit of the edges is below that of the means by
 # this factor, and vertices stray from it by less than so much of what faces turn. Among
@@ -87,7 +88,7 @@ class Clean:
     ----------
     normals : (n, 3) float64
     weights : "angle" | "max"
-        Of the faces, in the means.
+        Of the faces, in the means, or what most of these have.
     from_patch : (n,) bool
         Who has the normal of a patch instead.
     """
@@ -105,17 +106,24 @@ def best_clean(mesh: Triangles, averages: Averages, patches: Patched | None) -> 
     patches : Patched or None
         None where nobody asks them.
     """
-    fields = {kind: mesh.vertex_normals(kind) for kind in ("angle", "max")}
-    angle, largest = mesh_misfit(mesh, list(fields.values()))
-    better = angle < _FIT_BETTER**2 * largest
-    rough = patches is None or patches.straying > _STRAYING
-    weights = "angle" if better or rough else "max"
-    normals = fields[weights]
+    angle = mesh.vertex_normals("angle")
     if patches is None:
-        return Clean(normals, weights, np.zeros(len(normals), dtype=bool))
+        return Clean(angle, "angle", np.zeros(len(angle), dtype=bool))
+    largest = mesh.vertex_normals("max")
+    share = _share_of_angle(mesh_misfit(mesh, [angle, largest]), patches.straying)
+    weights = "angle" if share > 0.5 else "max"
+    normals = unit(share * angle + (1 - share) * largest)
     # Sums gathered over the same edges compare like means.
     misfits = edge_misfit(mesh.points, averages.edges, [patches.normals, normals])
     gathered = averages.means(misfits, _GATHERED)
     chosen = gathered[:, 0] < patches.bar * gathered[:, 1]
     normals = np.where(chosen[:, None], patches.normals, normals)
     return Clean(normals, weights, chosen)
+
+
+def _share_of_angle(misfits, straying):
+    """Return the share of angle weights, 0 to 1, by the misfits of both kinds."""
+    angle, largest = misfits
+    fit = np.sqrt(angle / largest) if largest > 0 else 1.0
+    better = np.interp(fit, _FIT_BETTER, (1.0, 0.0))
+    return max(better, np.interp(straying, _STRAYING, (0.0, 1.0)))
