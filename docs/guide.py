@@ -29,8 +29,13 @@ bpy.data.batch_remove(
     [*bpy.data.objects, *bpy.data.meshes, *bpy.data.collections[1:]]
 )
 bpy.context.scene.property_unset("timescale_normals")
-shading = area.spaces.active.shading
-shading.color_type, shading.show_specular_highlight = "MATERIAL", True
+"""
+# The highest point is in nobody's shadow.
+PICK = """
+places = bpy.context.object.data.attributes["position"].data
+top = max(range(len(places)), key=lambda index: places[index].vector.z)
+bpy.ops.timescale.pick_point(index=top)
+bpy.context.scene.timescale_normals.color_map = "viridis"
 """
 
 # Name of the picture, what is done for it, and a button that is pressed then.
@@ -63,6 +68,7 @@ STEPS = (
         "bpy.ops.ed.undo_push(message='Add')",
         "timescale.compare_delaunay",
     ),
+    ("pick", PICK, None),
     (
         "compare",
         EMPTY + "bpy.ops.mesh.primitive_torus_add(major_segments=96)\n"
