@@ -69,12 +69,12 @@ def marked_edges(mesh: Any, split: Collection[str]) -> Array:
     marked: Array = np.zeros(len(mesh.edges), dtype=np.bool_)
     if "sharp" in split:
         marked |= _sharp_edges(mesh) & ~_sharpened(mesh)
-        flat = ~arrays.get(mesh.polygons, Kind("use_smooth", np.bool_, 1))
+        flat = _flags(mesh, "sharp_face", "FACE")
         # All flat is what meshes start with, and no choice of anyone's.
         if flat.any() and not flat.all():
             marked[_edge_of_corner(mesh)[flat[_face_of_corner(mesh)]]] = True
     if "seams" in split:
-        marked |= arrays.get(mesh.edges, Kind("use_seam", np.bool_, 1))
+        marked |= _flags(mesh, "uv_seam")
     if "materials" in split and len(mesh.materials) > 1:
         material = arrays.get(mesh.polygons, Kind("material_index", np.int32, 1))
         marked |= _borders(mesh, material)
@@ -119,10 +119,12 @@ def _sharpened(mesh: Any) -> Array:
     return _flags(mesh, _SHARPENED)
 
 
-def _flags(mesh: Any, name: str) -> Array:
+def _flags(mesh: Any, name: str, domain: str = "EDGE") -> Array:
+    # Blender leaves the attribute out where nothing is marked.
     if name not in mesh.attributes:
-        return np.zeros(len(mesh.edges), dtype=np.bool_)
-    return arrays.read(mesh, name, "BOOLEAN", domain="EDGE")
+        count = mesh.attributes.domain_size(domain)
+        return np.zeros(count, dtype=np.bool_)
+    return arrays.read(mesh, name, "BOOLEAN", domain=domain)
 
 
 def has_free(mesh: Any) -> bool:
