@@ -15,19 +15,15 @@ from mathutils import Matrix, Vector
 from ..core import Comparison, GridSurface, TimeScale, compare_normals, estimate_normals
 from ..core.experiment import METHODS, SURFACES, baseline_normals
 from ..core.graph import delaunay_simplices
-from . import bridge, picture
+from . import bridge, picture, plots
 from .picture import Panel
+from .plots import FAINT, ORANGE, TEAL, Array, Color
 from .reproduction import FIGURES
 
-Array = np.ndarray
-Color = tuple[float, float, float]
 View = tuple[float, float]
 
 INK = picture.INK
-ORANGE = (0.62, 0.12, 0.02)
-TEAL = (0.0, 0.2, 0.23)
 PALE = (0.9, 0.9, 0.91)
-FAINT = (0.3, 0.3, 0.31)
 # Turn and tilt from where the sheets of each surface hide each other least.
 VIEWS = {"phi1": (math.radians(10), math.radians(45)), "phi2": picture.VIEW}
 LABELS = {"phi1": "φ₁", "phi2": "φ₂"}
@@ -39,7 +35,6 @@ CASES = (
     ((2, 3), "N₄", "(t₃, s₄)", "∂φ/◊₁t × ∂φ/∇₂s"),
     ((1, 0), "N₅", "(t₂, s₁)", "∂φ/◊₁t × ∂φ/Δ₂s"),
 )
-ABOVE = 50
 
 
 @dataclass(frozen=True)
@@ -242,7 +237,7 @@ def plot_orders(scene: Any, *, rows: Sequence[dict[str, Any]]) -> None:
             f"{what} {', '.join(LABELS.get(row['name'], row['name']) for row in found)}"
         )
         picture.write(scene, title, (x + 0.4, 3.35), 0.27)
-        _plot(scene, found, (x - 2.6, -2.45, 6.0, 5.2), label)
+        plots.plot(scene, found, (x - 2.6, -2.45, 6.0, 5.2), label)
     _key(
         scene,
         (
@@ -284,7 +279,7 @@ def _key(scene: Any, entries: Sequence[tuple[Color, str]], y: float) -> None:
     for index, (color, text) in enumerate(entries):
         x = step * (index - len(entries) / 2) + 0.4
         corners = np.array([(0, 0), (0.26, 0), (0.26, 0.26), (0, 0.26)]) + (x, y)
-        _fill(scene, corners, [(0, 1, 2, 3)], color)
+        plots.fill(scene, corners, [(0, 1, 2, 3)], color)
         picture.write(scene, text, (x + 0.42, y + 0.04), 0.25, align="LEFT")
 
 
@@ -392,97 +387,3 @@ def _winner_colors() -> tuple[Color, Color]:
     colors = Comparison(ours, ours, ours, theirs).colors("wins")[:, :3].tolist()
     lost, won = (tuple(color) for color in colors)
     return lost, won
-
-
-# Plots, in coordinates of the page
-
-
-def _plot(
-    scene: Any,
-    rows: Sequence[dict[str, Any]],
-    frame: tuple[float, float, float, float],
-    label: str,
-) -> None:
-    """Draw errors over steps, both as powers of ten, in a frame x, y, width, height."""
-    x, y, width, height = frame
-    values = np.array([row[w] for row in rows for w in ("paper", "second_order")])
-    steps = np.array(rows[0]["step"])
-    low = np.array([_decade(steps.min()), _decade(values.min())])
-    high = np.array([-_decade(1 / steps.max()), -_decade(1 / values.max())])
-
-    def place(step, error):
-        share = (np.log10(np.stack([step, error], axis=-1)) - low) / (high - low)
-        return share * (width, height) + (x, y)
-
-    for power in range(low[1], high[1] + 1):
-        at = y + height * (power - low[1]) / (high[1] - low[1])
-        _line(scene, np.array([(x, at), (x + width, at)]), 0.008, FAINT)
-        picture.write(scene, _ten(power), (x - 0.14, at - 0.08), 0.2, align="RIGHT")
-    for power in range(low[0], high[0] + 1):
-        at = x + width * (power - low[0]) / (high[0] - low[0])
-        _line(scene, np.array([(at, y), (at, y + height)]), 0.008, FAINT)
-        picture.write(scene, _ten(power), (at, y - 0.32), 0.2)
-    picture.write(scene, "Largest gap", (x + width / 2, y - 0.75), 0.22)
-    picture.write(scene, label, (x - 0.7, y + height + 0.2), 0.22, align="LEFT")
-    for row in rows:
-        for weights, color in (("paper", ORANGE), ("second_order", TEAL)):
-            track = place(steps, np.array(row[weights]))
-            _line(scene, track, 0.035, color, height=1)
-            _marks(scene, track, color)
-    for slope, weights in ((1, "paper"), (2, "second_order")):
-        # Above all curves of these weights, over the finer half of the steps.
-        above = 3 * max(row[weights][-1] for row in rows)
-        ends = steps[[len(steps) // 2, -1]]
-        track = place(ends, above * (ends / steps[-1]) ** slope)
-        _line(scene, track, 0.025, FAINT, height=2)
-        at = track.mean(axis=0) + (-0.15, 0.1)
-        picture.write(scene, f"slope {slope}", tuple(at), 0.2, align="RIGHT")
-
-
-def _decade(value: float) -> int:
-    """Return the power of ten below a value, or equal up to rounding."""
-    return math.floor(math.log10(value) + 1e-9)
-
-
-def _ten(power: int) -> str:
-    return "10" + str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-
-
-def _line(
-    scene: Any, track: Array, width: float, color: Color, *, height: float = 0
-) -> None:
-    """Draw a line through (n, 2) places."""
-    along = track[1:] - track[:-1]
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    side = np.stack([-along[:, 1], along[:, 0]], axis=1) * (width / 2)
-    corners = [track[:-1] - side, track[1:] - side, track[1:] + side, track[:-1] + side]
-    count = len(along)
-    faces = np.arange(4) * count + np.arange(count)[:, None]
-    _fill(scene, np.concatenate(corners), faces.tolist(), color, height=height)
-
-
-def _marks(scene: Any, track: Array, color: Color) -> None:
-    """Draw a dot at each of (n, 2) places."""
-    turns = np.linspace(0, 2 * np.pi, 17)[:-1]
-    disk = 0.07 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    corners = (track[:, None] + disk).reshape(-1, 2)
-    faces = np.arange(len(corners)).reshape(len(track), -1)
-    _fill(scene, corners, faces.tolist(), color, height=3)
-
-
-def _fill(
-    scene: Any,
-    corners: Array,
-    faces: Sequence[Sequence[int]],
-    color: Color,
-    *,
-    height: float = 0,
-) -> None:
-    """Draw flat faces over (n, 2) corners; what is higher hides what is lower."""
-    mesh = bpy.data.meshes.new("Figure")
-    level = np.full((len(corners), 1), ABOVE - 10 + height)
-    mesh.from_pydata(np.hstack([corners, level]).tolist(), [], faces)
-    ink, emission = picture.glow("Figure")
-    emission.inputs["Color"].default_value = (*color, 1)
-    mesh.materials.append(ink)
-    picture.add(scene, mesh)
