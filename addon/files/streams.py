@@ -16,6 +16,9 @@ from .shape import NORMALS, FileError, checked_count
 ROWS = 500_000
 
 
+_REMEDY = "convert it first, or leave out --memory and --scheduler"
+
+
 class Stream(Protocol):
     """Points in the order of a file.
 
@@ -50,7 +53,7 @@ def open_stream(path: Path) -> Stream:
     if found is None:
         raise FileError(
             f"expected a file of {', '.join(_STREAMS)} for work in tiles, "
-            f"got {path.suffix}"
+            f"got {path.suffix}: {_REMEDY}"
         )
     try:
         return found(path)
@@ -102,7 +105,9 @@ class PlyStream(_Records):
         with path.open("rb") as file:
             self.header = ply.read_header(file)
         if self.header.format == "ascii":
-            raise FileError("expected a binary PLY file for work in tiles, got text")
+            raise FileError(
+                f"expected a binary PLY file for work in tiles, got text: {_REMEDY}"
+            )
         self.vertex = ply.vertex_element(self.header)
         before = self.header.elements[: self.header.elements.index(self.vertex)]
         if any(element.has_lists for element in before):
@@ -164,7 +169,10 @@ class NpyStream(_Records):
             shape, by_column, dtype = arrays.read_header(file, path.stat().st_size)
             at = file.tell()
         if by_column and len(shape) > 1:
-            raise FileError("expected an array row by row for work in tiles")
+            raise FileError(
+                "expected an array row by row for work in tiles, got one column by "
+                f"column: {_REMEDY}"
+            )
         self.named = dtype.names is not None
         if not self.named:
             if len(shape) != 2 or shape[1] < 3 or dtype.kind != "f":
