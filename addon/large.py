@@ -173,6 +173,7 @@ class _Run:
         self.valid = self.cut = 0
         self.guides: Any = None
         self.warnings: tuple[str, ...] = ()
+        self.orientation = settings.orientation
 
     def _scattered(self) -> list[_Bucket]:
         """Write every point into the file of its tile."""
@@ -197,7 +198,7 @@ class _Run:
 
     def _parts(self) -> list[Any]:
         """Return parts of the cloud from all over it, each whole: see `tiles`."""
-        filled = [n for n, bucket in enumerate(self.buckets) if bucket.count]
+        filled = self._filled()
         chosen = filled[:: max(1, len(filled) // _PARTS)]
         whole: list[Any] = []
         cut: list[Any] = []
@@ -213,7 +214,7 @@ class _Run:
 
     def decide(self, fit: Fit) -> None:
         """Complete the plan by what only all points say."""
-        plan, depth = self.plan, self.depth
+        plan = self.plan
         if plan.level and plan.halvings is not None:
             self.blocks = [self._of_blocks(n) for n in range(len(self.buckets))]
         elif not plan.level and plan.settings.sheets and plan.misfit > NO_MATTER:
@@ -223,7 +224,7 @@ class _Run:
             self.plan = replace(
                 plan, misfit=noise_of_counts(np.sum(list(fit(tasks)), axis=0))
             )
-        self.progress(0.15 if depth else 0.1)
+        self.progress(0.2)
 
     def _of_blocks(self, number: int) -> _Bucket:
         """Write the means of a tile's blocks into a file of their own."""
@@ -327,10 +328,9 @@ class _Run:
             self.guides = None
             return
         place, normals = self.guides
-        outward, sure, self.warnings = tiles.orient_guides(
-            place, normals, self.plan.settings
-        )
-        self.guides = (place, outward, sure)
+        outward, found = tiles.orient_guides(place, normals, self.plan.settings)
+        self.guides = (place, outward, found.confidence)
+        self.orientation, self.warnings = found.mode, found.warnings
         self.progress(0.8)
 
     def normals_in_order(self) -> Iterator[Any]:
@@ -379,7 +379,7 @@ class _Run:
             "method": settings.method,
             "neighbors": settings.neighbors,
             "patch": settings.patch,
-            "orientation": settings.orientation,
+            "orientation": self.orientation,
             "warnings": list(self.warnings),
         }
 

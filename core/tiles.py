@@ -29,7 +29,7 @@ from .graph import NearestNeighbors
 from .inputs import BoolArray, FloatArray, InputError, IntArray
 from .ladder import EXACT, NOISY
 from .neighborhoods import Nearest, of_nearest, unique_points
-from .orientation import find_orientation
+from .orientation import Orientation, find_orientation
 from .patch import LEAST_NEIGHBORS
 from .progress import silent
 from .scale import patches_of
@@ -180,9 +180,9 @@ def _reach(asked, count):
 def misfit_counts(
     points: FloatArray, own: int, depth: FloatArray, plan: Plan
 ) -> IntArray:
-    """Return how many own points of a tile have each misfit, by `sheets.step_of`.
+    """Return `sheets.counts_of_steps` of the own points of a tile.
 
-    Takes what `fit_tile` takes.
+    Takes what `fit_tile` takes, whatever the depth.
     """
     del depth
     kept, inverse = unique_points(points)
@@ -347,7 +347,7 @@ def thinned(points: FloatArray, size: float) -> IntArray:
 
 def orient_guides(
     points: FloatArray, normals: FloatArray, settings: Settings
-) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+) -> tuple[FloatArray, Orientation]:
     """Find the sides of a cloud's guides, its thinned points.
 
     Parameters
@@ -358,8 +358,7 @@ def orient_guides(
     Returns
     -------
     normals : (g, 3) float64, facing outward
-    confidence : (g,) float64
-    warnings : tuple of str
+    Orientation
     """
     found = find_orientation(
         points,
@@ -368,7 +367,7 @@ def orient_guides(
         nested=settings.nested,
         threads=settings.threads,
     )
-    return normals * found.signs[:, None], found.confidence, found.warnings
+    return normals * found.signs[:, None], found
 
 
 def facing(
