@@ -24,7 +24,7 @@ _PART = 1 << 16
 
 
 # For a few points so many distances are sooner computed than a kd-tree is made.
-_AT_ONCE = 1_000_000
+_AT_ONCE = 400_000
 
 
 class NearestNeighbors:
