@@ -236,18 +236,12 @@ class Blocks:
             )
             numbers, around = _numbered(around)
             region = _Region(self, numbers)
-            there = region.found(centers, around, trust, count)
-            if there is not None:
-                found.put(part, there)
-        return found
-
-    def search_all(self, places: IntArray, count: int) -> Found:
-        """Return the nearest points of a few points: all distances are computed."""
-        numbers = np.arange(len(self.sizes))
-        near = np.broadcast_to(numbers, (len(places), len(numbers)))
-        trusted = np.full(len(places), np.inf)
-        found = _Region(self, numbers).found(self.at(places), near, trusted, count)
-        assert found is not None, f"expected more than {count} points"
+            slot, distance, trust = region.nearest(centers, around, trust, count)
+            if slot.shape[1] == count:
+                offsets = region.offsets(slot, centers)
+                certain = distance[:, -1] <= trust
+                place = np.take(region.place, slot)
+                found.put(part, Found(place, distance, offsets, certain))
         return found
 
 
@@ -305,17 +299,6 @@ class _Region:
         distance = np.sqrt(square)
         slot = np.take(slots, least[:, :-1])
         return slot, distance[:, :-1], np.minimum(trusted, distance[:, -1])
-
-    def found(self, centers, near, trusted, count):
-        """Return the Found of points at centers; None where too few are near.
-
-        Parameters are those of `nearest`.
-        """
-        slot, distance, trusted = self.nearest(centers, near, trusted, count)
-        if slot.shape[1] < count:
-            return None
-        place, offsets = np.take(self.place, slot), self.offsets(slot, centers)
-        return Found(place, distance, offsets, distance[:, -1] <= trusted)
 
     def picked(self, own, centers, slot, trusted, count):
         """Pick the nearest of the candidates of each point of a run.

@@ -23,10 +23,6 @@ _PART = 1 << 16
 # functions that need them import them.
 
 
-# For a few points so many distances are sooner computed than a kd-tree is made.
-_AT_ONCE = 400_000
-
-
 class NearestNeighbors:
     """The k nearest points, asked for chunk by chunk.
 
@@ -181,7 +177,7 @@ class NearestNeighbors:
             found = self._blocks.search_some(own, count + 1)
         else:
             found = self._blocks.search(blocks, count + 1)
-        for search in (self._blocks.search_each, self._found_anyway):
+        for search in (self._blocks.search_each, self._found_in_tree):
             left = np.flatnonzero(~found.certain)
             if len(left):
                 found.put(left, search(own[left], count + 1))
@@ -195,12 +191,6 @@ class NearestNeighbors:
             if np.array_equal(self.order[start:end], rows):
                 return np.arange(start, end), self._blocks.between(start, end)
         return self.rank[rows], None
-
-    def _found_anyway(self, own, count):
-        # A search wants a point more than it returns, and all may be asked for.
-        if len(own) * len(self) <= _AT_ONCE and count < len(self) // 2:
-            return self._blocks.search_all(own, count)
-        return self._found_in_tree(own, count)
 
     def _found_in_tree(self, own, count):
         here = self._blocks.at(own)
