@@ -116,9 +116,11 @@ class VIEW3D_PT_timescale_colors(_InSidebar):
         draw_colors(column, settings_of(context))
         shown = bridge.record_of(context.object).color_by
         if shown != settings_of(context).color_by:
-            # Without true normals there is no error to show.
-            text = f"No true normals: {measure_label(shown)}"
-            column.label(text=text, icon="INFO")
+            # Without true normals there is no error to show; a script may have
+            # asked for another measure.
+            known = bridge.has_attribute(context.object, "delaunay_error")
+            why = "Shown" if known else "No true normals"
+            column.label(text=f"{why}: {measure_label(shown)}", icon="INFO")
         column.prop(settings_of(context), "show_legend")
         column.operator(
             "timescale.side_by_side",
