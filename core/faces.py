@@ -325,11 +325,6 @@ def fan_means(normals: FloatArray, vertex: IntArray, count: int) -> FloatArray:
     return unit(np.stack(total, axis=1))
 
 
-def mean_edge(points: FloatArray, faces: IntArray) -> float:
-    """Return the mean length of the triangles' sides."""
-    return Triangles(points, faces).mean_edge
-
-
 def unit(vectors: FloatArray) -> FloatArray:
     """Return vectors at length one, and zero vectors as they are, (..., 3)."""
     # Scaled first: the square of a very small or very large component would be

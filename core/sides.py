@@ -53,9 +53,10 @@ _STEEP = 0.25
 _CHUNK = 100_000
 _FIT_CHUNK = 2048
 
-# Where the progress stands when representatives are chosen, when they are smoothed,
-# and when the poles have spoken and been heard.
-_CHOSEN, _SMOOTHED, _HEARD = 0.15, 0.3, 0.9
+# Where the progress stands when the cloud is made fit, and when the poles have spoken
+# and been heard; within the first of these, when representatives are chosen.
+_SMOOTHED, _HEARD = 0.3, 0.9
+_CHOSEN = 0.5
 
 Result = TypeVar("Result")
 Other = TypeVar("Other")
@@ -123,21 +124,10 @@ def find_sides(
     spacing, noise = measure(nearest, normals)
     if not spacing > 0:
         return None
-    reach = max(_REACH * noise, 2.5 * spacing)
-    apart = max(_APART * reach, 1.5 * spacing) if noise else _TWIN * spacing
-    if len(points) > most:
-        # A surface at an angle meets three cells where an upright one meets two: so
-        # wide, they are about as many as allowed where the cloud is even.
-        apart = max(apart, 1.2 * spacing * np.sqrt(len(points) / most))
-    chosen = representatives(points, apart, most)
-    place, facing = points[chosen], normals[chosen]
-    progress(_CHOSEN)
-    if noise:
-        told = between(progress, _CHOSEN, _SMOOTHED)
-        place, facing = smooth(
-            nearest, place, facing, reach, workers=workers, progress=told
-        )
-    progress(_SMOOTHED)
+    told = between(progress, 0.0, _SMOOTHED)
+    chosen, place, facing = _made_fit(
+        nearest, normals, spacing, noise, most, workers, told
+    )
     solid, far = _solid(place, facing)
     if solid.sum() < _FEWEST:
         return None
@@ -173,6 +163,27 @@ def find_sides(
     return Sides(
         found, confidence, noise, labels.open, piece, surface.disagreement(signs)
     )
+
+
+def _made_fit(nearest, normals, spacing, noise, most, workers, progress):
+    """Return representatives (m,), and their places and normals, (m, 3), smoothed."""
+    points = nearest.points
+    reach = max(_REACH * noise, 2.5 * spacing)
+    apart = max(_APART * reach, 1.5 * spacing) if noise else _TWIN * spacing
+    if len(points) > most:
+        # A surface at an angle meets three cells where an upright one meets two: so
+        # wide, they are about as many as allowed where the cloud is even.
+        apart = max(apart, 1.2 * spacing * np.sqrt(len(points) / most))
+    chosen = representatives(points, apart, most)
+    place, facing = points[chosen], normals[chosen]
+    progress(_CHOSEN)
+    if noise:
+        told = between(progress, _CHOSEN, 1.0)
+        place, facing = smooth(
+            nearest, place, facing, reach, workers=workers, progress=told
+        )
+    progress(1.0)
+    return chosen, place, facing
 
 
 def _both(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from solids import box_of, paired_sides, surface_net, voxel_grid
 
-from core.faces import face_vectors, mean_edge, split_fans, unit, vertex_normals
+from core.faces import Triangles, face_vectors, split_fans, unit, vertex_normals
 
 NOISE = (0.05, 0.1, 0.3, 0.6, 1.0)
 KEPT = (50, 25, 10)
@@ -99,7 +99,8 @@ def sharp_by_angle(points, faces, angle=SHARP_ANGLE):
 def noisy(points, faces, share, seed=None):
     """Add Gaussian noise whose standard deviation is a share of the mean edge."""
     rng = np.random.default_rng(round(100 * share) if seed is None else seed)
-    return points + rng.normal(0, share * mean_edge(points, faces), points.shape)
+    edge = Triangles(points, faces).mean_edge
+    return points + rng.normal(0, share * edge, points.shape)
 
 
 def quantized(points, bits):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, Delaunay
 
 from core import InputError, Settings, compare_normals, estimate_normals, shapes
-from core.faces import mean_edge, vertex_normals
+from core.faces import Triangles, vertex_normals
 from core.neighborhoods import unique_points
 
 TIME_SCALE = Settings(method="time_scale")
@@ -213,7 +213,7 @@ def bumpy_mesh(n, noise, seed=0):
     a, b, c = (directions[faces[:, i]] for i in range(3))
     inward = (np.cross(b - a, c - a) * (a + b + c)).sum(axis=1) < 0
     faces[inward] = faces[inward][:, ::-1]
-    edge = mean_edge(points, faces)
+    edge = Triangles(points, faces).mean_edge
     shift = np.random.default_rng(seed).normal(0, noise * edge, points.shape)
     return points + shift, normals, faces
 
