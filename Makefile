@@ -74,7 +74,7 @@ bench-accuracy: ## errors under noise and at creases next to peers, into docs/ac
 	@PYTHONPATH=. .venv/bench/bin/python tests/benchmarks/accuracy.py --write $(OPTIONS)
 
 train: core-environment ## the weights of core/blend.npz anew, from shapes made on the spot
-	OPENBLAS_NUM_THREADS=1 $(CORE) tests/benchmarks/train.py $(OPTIONS)
+	$(CORE) tests/benchmarks/train.py $(OPTIONS)
 
 # Types are checked under the name of the package, whatever the checkout is called.
 lint: core-environment ## ruff and mypy

@@ -9,8 +9,6 @@ mean: what is learned only chooses. `tests/benchmarks/train.py` makes the nets.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 
@@ -19,122 +17,37 @@ from .coarse import block_means, halvings
 from .graph import NearestNeighbors
 from .inputs import BoolArray, FloatArray, IntArray
 from .ladder import EXACT, NOISY, fit_ladder, turn
+from .nets import nets
 from .scale import NARROWEST
 from .votes import count_votes
 
 # From this noise on, in spacings, patches are fitted as for noisy points.
-NOISY_FROM = 0.05
+_NOISY_FROM = 0.05
 
 # Patches that miss their neighbors by less, as an angle, are right as they are.
 _SETTLED = 0.002
 
-# A blend stands where it turns the normal at hand by more than that many times the
-# error it expects of itself: less is no evidence against a patch that fits closely. By
-# more than twenty degrees it is another side of a crease, and stands.
-_EVIDENT, _ANOTHER_SIDE = 1.5, 20.0
-
-# Normals that vote about one.
-VOTERS = {"exact": 32, "noisy": 48}
+# The normal at hand stands where a blend turns it by less than so many times what its
+# patch misses its neighbors by, as an angle, and what the blend expects to err: on a
+# smooth surface patches are more precise. Between half and one and a half of that, one
+# goes over into the other, so that nothing hangs on rounding.
+_MISSED, _EVIDENT = 2.0, 3.0
 
 # Points in one go: fifty arrays of as many rows as there are neighbors.
 CHUNK = 512
 
-_LAYER = ("matrix", "offset")
+# Where more than this share of the points is open, all are looked at, in the long runs
+# that are made for so many neighbors: that is faster by a quarter.
+_MOST, _RUN = 0.5, 16
 
-# Columns of a product of matrices: larger ones OpenBLAS gives to threads of its own,
-# which get in the way of ours.
-_COLUMNS = 32
+# Normals that vote about one.
+VOTERS = {"exact": 32, "noisy": 48}
 
 # An error of ten degrees is trusted by half.
 _TRUST = 10.0
 
 # Squared degrees below which errors are all alike.
 LEAST_ERROR = 0.05
-
-
-@dataclass(frozen=True)
-class Net:
-    """A perceptron with two hidden layers, from features to weights and an error.
-
-    Attributes
-    ----------
-    mean, scale : (f,) float32
-        What features are centered and divided by.
-    layers : list of (matrix, offset)
-    error : (h + 1,) float32
-        Of the logarithm of the squared error, linear in the last hidden layer.
-    """
-
-    mean: FloatArray
-    scale: FloatArray
-    layers: list[tuple[FloatArray, FloatArray]]
-    error: FloatArray
-
-    def hidden(self, features: FloatArray) -> FloatArray:
-        """Return the last hidden layer for features (f, m), (h, m)."""
-        x = (features - self.mean[:, None]) * (1 / self.scale)[:, None]
-        for matrix, offset in self.layers[:-1]:
-            x = _layer(matrix, offset, x)
-            x = np.maximum(x, np.float32(0.01) * x)
-        return x
-
-    def blend(
-        self, features: FloatArray, candidates: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the blend of candidates (c, 3, m), their weights, and its error.
-
-        Returns
-        -------
-        normals : (3, m), unit
-        weights : (c, m)
-        error : (m,), the logarithm of the expected squared error in degrees
-        """
-        hidden = self.hidden(features)
-        matrix, offset = self.layers[-1]
-        scores = _layer(matrix, offset, hidden)
-        weights = np.exp(scores - scores.max(axis=0))
-        weights /= weights.sum(axis=0)
-        error = _layer(self.error[:-1, None], self.error[-1:], hidden)[0]
-        normals = np.einsum("cm,cim->im", weights, aligned(candidates))
-        length = np.sqrt((normals * normals).sum(axis=0))
-        return normals / np.where(length > 0, length, 1), weights, error
-
-
-def _layer(matrix, offset, x):
-    """Return what a layer makes of its input (i, m), before it is bent, (o, m).
-
-    In double precision, and rounded: in single precision a column hangs on which
-    others are beside it.
-    """
-    result = np.empty((matrix.shape[1], x.shape[1]), dtype=x.dtype)
-    double = matrix.T.astype(np.float64)
-    for at in range(0, x.shape[1], _COLUMNS):
-        part = slice(at, at + _COLUMNS)
-        result[:, part] = double @ x[:, part].astype(np.float64)
-    result += offset[:, None]
-    return result
-
-
-def aligned(candidates: FloatArray) -> FloatArray:
-    """Return candidates (c, 3, m) on the side of the first."""
-    side = np.einsum("cim,im->cm", candidates, candidates[0])
-    return candidates * np.where(side < 0, np.float32(-1), np.float32(1))[:, None]
-
-
-@cache
-def nets() -> dict[str, Net]:
-    """Return the nets that come with the package, by name."""
-    with np.load(Path(__file__).with_name("blend.npz")) as file:
-        return {name: _net(file, name) for name in file["names"].tolist()}
-
-
-def _net(file, name):
-    layers = [
-        tuple(file[f"{name}_{part}{i}"].astype(np.float32) for part in _LAYER)
-        for i in range(3)
-    ]
-    mean, scale, error = (file[f"{name}_{part}"] for part in ("mean", "scale", "error"))
-    return Net(mean, scale, layers, error)
 
 
 @dataclass(frozen=True)
@@ -157,15 +70,37 @@ class Field:
     @property
     def confidence(self) -> FloatArray:
         """(n,) float32: a half where ten degrees of error are expected, one at none."""
-        return confidence_of(self.error)
+        doubt = np.exp(self.error)
+        doubt /= _TRUST**2
+        doubt += 1
+        return np.reciprocal(doubt, out=doubt)
+
+    def copy(self) -> "Field":
+        """Return a field of its own, to be written to."""
+        return Field(self.normals.copy(), self.error.copy(), self.scale.copy())
+
+    def put(
+        self,
+        rows: IntArray,
+        normals: FloatArray,
+        error: FloatArray,
+        scale: FloatArray,
+        open_: BoolArray | None,
+    ) -> None:
+        """Write normals (3, m), errors and scales of points that are open, or all."""
+        if open_ is not None:
+            chosen = open_[rows]
+            rows, normals = rows[chosen], normals[:, chosen]
+            error, scale = error[chosen], scale[chosen]
+        self.normals[rows] = normals.T
+        self.error[rows] = error
+        self.scale[rows] = scale
 
 
-def confidence_of(error: FloatArray) -> FloatArray:
-    """Return 1 / (1 + e^2 / 100) from the logarithm of squared errors in degrees."""
-    doubt = np.exp(error)
-    doubt /= _TRUST**2
-    doubt += 1
-    return np.reciprocal(doubt, out=doubt)
+def empty_field(count: int) -> Field:
+    """Return a field to be written to, of zeros."""
+    error, scale = np.zeros((2, count), dtype=np.float32)
+    return Field(np.zeros((count, 3)), error, scale)
 
 
 def error_of_misfit(misfit: FloatArray) -> FloatArray:
@@ -175,97 +110,6 @@ def error_of_misfit(misfit: FloatArray) -> FloatArray:
     error *= error
     error += LEAST_ERROR
     return np.log(error, out=error)
-
-
-def unsettled(misfit: FloatArray, valid: BoolArray) -> IntArray:
-    """Return the points whose patch misses its neighbors."""
-    return np.flatnonzero(valid & (misfit > _SETTLED))
-
-
-def refine_exact(
-    nearest: NearestNeighbors,
-    field: Field,
-    misfit: FloatArray,
-    rows: IntArray,
-    run: Callable,
-) -> Field:
-    """Return a field with the normals of some points blended anew.
-
-    Parameters
-    ----------
-    nearest : NearestNeighbors
-    field : Field
-        By patches of one size.
-    misfit : (n,)
-        Of these patches.
-    rows : (r,) int
-    run : callable (work, chunks) -> None
-        Calls work(chunk) for all chunks, in threads or not.
-    """
-    if not len(rows):
-        return field
-    chunks = chunks_of(nearest, rows)
-    first = Growing(field)
-
-    def fit(chunk):
-        first.put(chunk, *fitted_exact(nearest, field, misfit, chunk))
-
-    run(fit, chunks)
-    final = Growing(field)
-
-    def vote(chunk):
-        normals, error = voted_exact(nearest, first, chunk)
-        scale, before = first.scale[chunk], field.normals[chunk].T
-        bar = np.minimum(_EVIDENT**2 * np.exp(error), _ANOTHER_SIDE**2)
-        kept = _squared_angle(normals, before) < bar
-        normals = np.where(kept, before, normals)
-        final.put(chunk, normals, np.where(kept, field.scale[chunk], scale), error)
-
-    run(vote, chunks)
-    return Field(final.normals, final.error, final.scale)
-
-
-def estimate_noisy(
-    nearest: NearestNeighbors,
-    level: float,
-    noise: float,
-    run: Callable,
-    *,
-    coarse: NearestNeighbors | None = None,
-) -> Field:
-    """Return the field of points with noise.
-
-    Patches are fitted to the means of blocks of points, as many as the noise asks for;
-    their normals then vote at every point.
-
-    Parameters
-    ----------
-    nearest : NearestNeighbors
-    level, noise : float
-        See `coarse.noise_in_spacings`.
-    run : see `refine_exact`
-    coarse : NearestNeighbors, optional
-        The means, where there are more than those of the points. Scales are then left
-        out.
-    """
-    label = np.zeros(len(nearest), dtype=np.int64)
-    if coarse is None:
-        coarse, label = coarse_cloud(nearest, level)
-    first = Growing(count=len(coarse.points))
-
-    def fit(chunk):
-        first.put(chunk, *fitted_noisy(coarse, level, chunk))
-
-    run(fit, chunks_of(coarse, coarse.order))
-    final = Growing(count=len(nearest.points))
-
-    def vote(chunk):
-        normals, error = voted_noisy(nearest, coarse, first, level, noise, chunk)
-        own = chunk if label is None else label[chunk]
-        final.put(chunk, normals, first.scale[own], error)
-
-    run(vote, chunks_of(nearest, nearest.order))
-    return Field(final.normals, final.error, final.scale)
 
 
 def is_enough(count: int) -> bool:
@@ -284,83 +128,189 @@ def is_noisy(level: float, neighbors: int) -> bool:
         As many as the best patches of one size have. Where points are few the surface
         bends as noise does; there, however, the narrowest patches are the best.
     """
-    return level >= NOISY_FROM and neighbors > NARROWEST
+    return level >= _NOISY_FROM and neighbors > NARROWEST
 
 
-def fitted_exact(nearest, field, misfit, rows):
-    """Return normals (3, m), reach and error of the first round, for exact points."""
-    candidates, reach, features = exact_candidates(nearest, field, misfit, rows)
-    return _blended(nets()["exact fit"], candidates, reach, features)
+class Exact:
+    """A cloud whose points are exact, and its field by patches of one size.
 
-
-def fitted_noisy(coarse, level, rows):
-    """Return normals (3, m), reach and error of the first round, for noisy points."""
-    candidates, reach, features = noisy_candidates(coarse, level, rows)
-    return _blended(nets()["noisy fit"], candidates, reach, features)
-
-
-def _blended(net, candidates, reach, features):
-    normals, weights, error = net.blend(features, candidates)
-    return normals, (weights * reach).sum(axis=0), error
-
-
-def voted_exact(nearest, first, rows):
-    """Return normals (3, m) and error of the second round, for exact points."""
-    elected, features = exact_votes(nearest, first, rows)
-    normals, _, error = nets()["exact vote"].blend(features, elected)
-    return normals, error
-
-
-def voted_noisy(nearest, coarse, first, level, noise, rows):
-    """Return normals (3, m) and error of the second round, for noisy points."""
-    elected, features = noisy_votes(nearest, coarse, first, level, noise, rows)
-    normals, _, error = nets()["noisy vote"].blend(features, elected)
-    return normals, error
-
-
-def exact_candidates(nearest, field, misfit, rows):
-    """Return what the first round chooses among at exact points, and its features.
-
-    The normals at hand come first: they may be those of a point's own sheet.
+    Parameters
+    ----------
+    nearest : NearestNeighbors
+    field : Field
+        With points told apart by sheets.
+    normals : (n, 3) float64
+        As the patches had them before.
+    misfit : (n,)
+        Of these patches.
     """
-    candidates, reach, features = fit_ladder(nearest, rows, EXACT)
-    own = field.normals[rows].T.astype(np.float32)
-    turns = [turn(own, candidate) for candidate in candidates]
-    facts = [error_of_misfit(misfit[rows]), field.error[rows], *turns]
-    return (
-        np.concatenate([own[None], candidates]),
-        np.concatenate([field.scale[rows][None], reach]),
-        np.concatenate([features, np.stack(facts)]),
-    )
+
+    name = "exact"
+
+    def __init__(
+        self,
+        nearest: NearestNeighbors,
+        field: Field,
+        normals: FloatArray,
+        misfit: FloatArray,
+    ) -> None:
+        self.nearest, self.field = nearest, field
+        self._normals, self._misfit = normals, misfit
+        self.open = (normals != 0).any(axis=1) & (misfit > _SETTLED)
+        self.rows = np.flatnonzero(self.open)
+
+    def first_chunks(self) -> list[IntArray]:
+        """Return the points that one patch does not settle, chunk by chunk.
+
+        Where these are most, all points: those that stand together find their
+        neighbors so much faster.
+        """
+        if len(self.rows) > _MOST * len(self.open):
+            return self.nearest.runs(_RUN)
+        order = self.rows[np.argsort(self.nearest.rank[self.rows], kind="stable")]
+        return _split(order)
+
+    second_chunks = first_chunks
+
+    def start(self) -> tuple[Field, Field]:
+        """Return the fields that the two rounds write to."""
+        return self.field.copy(), self.field.copy()
+
+    def candidates(self, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what the first round chooses among, its reach, and features.
+
+        The normals at hand come first, before and after points are told apart.
+        """
+        fitted, reach, features = fit_ladder(self.nearest, rows, EXACT)
+        own = self.field.normals[rows].T.astype(np.float32)
+        before = self._normals[rows].T.astype(np.float32)
+        facts = [error_of_misfit(self._misfit[rows]), turn(own, before)]
+        facts += [turn(own, candidate) for candidate in fitted]
+        scale = self.field.scale[rows]
+        return (
+            np.concatenate([[own, before], fitted]),
+            np.concatenate([[scale, scale], reach]),
+            np.concatenate([features, facts]),
+        )
+
+    def votes(self, first: Field, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return what the second round chooses among, and features.
+
+        Last comes the normal at hand, which may stand after all.
+        """
+        index, _ = self.nearest.neighbors(rows, VOTERS["exact"] - 1)
+        index = np.concatenate([rows[:, None], index], axis=1).T
+        points = self.nearest.points
+        elected, features = _elected(points, points[rows], index, first, 0.0)
+        own = self.field.normals[rows].T.astype(np.float32)
+        facts = [error_of_misfit(self._misfit[rows])]
+        facts += [turn(own, candidate) for candidate in elected]
+        return np.concatenate([elected, [own]]), np.concatenate([features, facts])
+
+    def settled(
+        self, rows: IntArray, normals: FloatArray, error: FloatArray
+    ) -> FloatArray:
+        """Return normals (3, m) after both rounds, or those at hand, or between."""
+        own, missed = self.field.normals[rows].T, self._misfit[rows]
+        bar = np.minimum(_MISSED * missed, _EVIDENT * np.radians(np.exp(error / 2)))
+        cosine = along(own, normals)
+        turned = np.sqrt(np.maximum(1 - cosine * cosine, 0)) / bar
+        share = np.clip(1.5 - turned, 0, 1) * np.where(cosine < 0, -1, 1)
+        mixed = share * own + (1 - np.abs(share)) * normals
+        return mixed / np.sqrt((mixed * mixed).sum(axis=0))
+
+    def first_rows(self, rows: IntArray) -> IntArray:
+        """Return the rows of the first round that belong to some of the second."""
+        return rows
 
 
-def noisy_candidates(coarse, level, rows):
-    """Return what the first round chooses among at noisy points, and its features."""
-    candidates, reach, features = fit_ladder(coarse, rows, NOISY)
-    # What stands at the middle of the ladder comes first: it says which side is which.
-    middle = len(candidates) // 2
-    order = [middle, *(i for i in range(len(candidates)) if i != middle)]
-    return candidates[order], reach[order], _with_level(features, level)
+class Noisy:
+    """A cloud with noise, and the means of blocks of its points.
+
+    Patches are fitted to the means, of blocks as large as the noise asks for; their
+    normals then vote at every point.
+
+    Parameters
+    ----------
+    nearest : NearestNeighbors
+    level, noise : float
+        See `coarse.noise_in_spacings`.
+    coarse : NearestNeighbors, optional
+        The means, where there are more than those of the points. Scales are then left
+        out.
+    """
+
+    name, open = "noisy", None
+
+    def __init__(
+        self,
+        nearest: NearestNeighbors,
+        level: float,
+        noise: float,
+        *,
+        coarse: NearestNeighbors | None = None,
+    ) -> None:
+        self.nearest, self.coarse = nearest, coarse
+        self._level, self._noise = level, noise
+        self._label = np.zeros(len(nearest), dtype=np.int64)
+        if coarse is None:
+            self.coarse, self._label = coarse_cloud(nearest, level)
+        self.rows = nearest.order
+
+    def first_chunks(self) -> list[IntArray]:
+        """Return the means, chunk by chunk."""
+        return _split(self.coarse.order)
+
+    def second_chunks(self) -> list[IntArray]:
+        """Return the points, chunk by chunk."""
+        return _split(self.nearest.order)
+
+    def start(self) -> tuple[Field, Field]:
+        """Return the fields that the two rounds write to."""
+        return empty_field(len(self.coarse)), empty_field(len(self.nearest))
+
+    def candidates(self, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what the first round chooses among at means, its reach, and features.
+
+        What stands at the middle of the ladder comes first: it says which side is
+        which.
+        """
+        fitted, reach, features = fit_ladder(self.coarse, rows, NOISY)
+        middle = len(fitted) // 2
+        order = [middle, *(i for i in range(len(fitted)) if i != middle)]
+        return fitted[order], reach[order], self._with_level(features)
+
+    def votes(self, first: Field, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return what the second round chooses among at points, and features."""
+        places = self.nearest.points[rows]
+        _, index = self.coarse.tree.query(places, k=VOTERS["noisy"])
+        elected, features = _elected(
+            self.coarse.points, places, index.T, first, self._noise
+        )
+        return elected, self._with_level(features)
+
+    def settled(
+        self, _rows: IntArray, normals: FloatArray, _error: FloatArray
+    ) -> FloatArray:
+        """Return normals (3, m) after both rounds: these."""
+        return normals
+
+    def first_rows(self, rows: IntArray) -> IntArray:
+        """Return the means whose blocks hold some points."""
+        return rows if self._label is None else self._label[rows]
+
+    def _with_level(self, features):
+        row = np.full((1, features.shape[1]), np.log(self._level + 0.01))
+        return np.concatenate([features, row.astype(np.float32)])
 
 
-def exact_votes(nearest, first, rows):
-    """Return what the second round chooses among at exact points, and its features."""
-    index, _ = nearest.neighbors(rows, VOTERS["exact"] - 1)
-    index = np.concatenate([rows[:, None], index], axis=1).T
-    return _votes(nearest.points, nearest.points[rows], index, first, 0.0)
+def coarse_cloud(
+    nearest: NearestNeighbors, level: float
+) -> tuple[NearestNeighbors, IntArray | None]:
+    """Return the neighbors of the means of blocks, and the block of each point.
 
-
-def noisy_votes(nearest, coarse, first, level, noise, rows):
-    """Return what the second round chooses among at noisy points, and its features."""
-    _, index = coarse.tree.query(nearest.points[rows], k=VOTERS["noisy"])
-    elected, features = _votes(
-        coarse.points, nearest.points[rows], index.T, first, noise
-    )
-    return elected, _with_level(features, level)
-
-
-def coarse_cloud(nearest, level):
-    """Return the neighbors of the means of blocks, and the block of each point."""
+    Without blocks each point is its own mean.
+    """
     times = halvings(len(nearest), level)
     if times is None or not is_enough(2**times):
         return nearest, None
@@ -368,7 +318,44 @@ def coarse_cloud(nearest, level):
     return NearestNeighbors(means), label
 
 
-def _votes(points, places, index, first, noise):
+def blend(cloud: Exact | Noisy, run: Callable) -> Field:
+    """Return the field of a cloud after both rounds.
+
+    Parameters
+    ----------
+    run : callable (work, chunks) -> None
+        Calls work(chunk) for all chunks, in threads or not.
+    """
+    first, second = cloud.start()
+    first_round(cloud, first, run)
+    net = nets()[f"{cloud.name} vote"]
+
+    def vote(rows):
+        elected, features = cloud.votes(first, rows)
+        normals, _, error = net.blend(features, elected)
+        normals = cloud.settled(rows, normals, error)
+        scale = first.scale[cloud.first_rows(rows)]
+        second.put(rows, normals, error, scale, cloud.open)
+
+    run(vote, cloud.second_chunks())
+    return second
+
+
+def first_round(cloud: Exact | Noisy, field: Field, run: Callable) -> None:
+    """Write the normals of the first round into a field; see `blend`."""
+    net = nets()[f"{cloud.name} fit"]
+
+    def fit(rows):
+        candidates, reach, features = cloud.candidates(rows)
+        normals, weights, error = net.blend(features, candidates)
+        scale = (weights * reach).sum(axis=0)
+        field.put(rows, normals, error, scale, cloud.open)
+
+    run(fit, cloud.first_chunks())
+
+
+def _elected(points, places, index, first, noise):
+    """Return what the normals of some points (k, m) elect at places (m, 3)."""
     offsets = np.moveaxis(points[index] - places, -1, 0).astype(np.float32)
     normals = np.moveaxis(first.normals[index], -1, 0).astype(np.float32)
     return count_votes(
@@ -379,36 +366,5 @@ def _votes(points, places, index, first, noise):
     )
 
 
-def _squared_angle(a, b):
-    """Return squared angles in degrees between directions (3, m)."""
-    return np.degrees(np.arccos(np.minimum(np.abs(along(a, b)), 1))) ** 2
-
-
-def _with_level(features, level):
-    row = np.full((1, features.shape[1]), np.log(level + 0.01), dtype=np.float32)
-    return np.concatenate([features, row])
-
-
-def chunks_of(nearest, rows):
-    """Split rows, those that stand together together."""
-    order = rows[np.argsort(nearest.rank[rows], kind="stable")]
-    return [order[at : at + CHUNK] for at in range(0, len(order), CHUNK)]
-
-
-class Growing:
-    """A field that is written chunk by chunk."""
-
-    def __init__(self, field=None, *, count=0):
-        if field is None:
-            self.normals = np.zeros((count, 3))
-            self.error, self.scale = np.zeros((2, count), dtype=np.float32)
-        else:
-            self.normals, self.error, self.scale = (
-                a.copy() for a in (field.normals, field.error, field.scale)
-            )
-
-    def put(self, rows, normals, scale, error):
-        """Write normals (3, m), scale and error of some points."""
-        self.normals[rows] = normals.T
-        self.scale[rows] = scale
-        self.error[rows] = error
+def _split(rows):
+    return [rows[at : at + CHUNK] for at in range(0, len(rows), CHUNK)]

@@ -5,15 +5,7 @@ from dataclasses import dataclass
 from itertools import count
 
 from .asked import Asked
-from .blend import (
-    Field,
-    error_of_misfit,
-    estimate_noisy,
-    is_enough,
-    is_noisy,
-    refine_exact,
-    unsettled,
-)
+from .blend import Exact, Field, Noisy, blend, error_of_misfit, is_enough, is_noisy
 from .coarse import noise_in_spacings
 from .faces import Triangles
 from .fitted import Fitted, fit_all
@@ -78,13 +70,13 @@ def _of_points(asked, source, settings, report):
     nearest = source.nearest
     level, noise = noise_in_spacings(Asked.of(nearest))
     if is_noisy(level, settings.neighbors or 0):
-        field = estimate_noisy(nearest, level, noise, _runner(settings, report, 2))
+        run = _runner(settings, report, 2)
+        field = blend(Noisy(nearest, level, noise), run)
         valid = (field.normals != 0).any(axis=1)
         return Found(field, valid, settings, noise)
     fitted, field, separated = _of_one_size(source, report)
     run = _runner(settings, between(report, _PARTED, 1.0), 2)
-    rows = unsettled(fitted.misfit, fitted.valid)
-    field = refine_exact(nearest, field, fitted.misfit, rows, run)
+    field = blend(Exact(nearest, field, fitted.normals, fitted.misfit), run)
     valid, noise = fitted.valid, fitted.noise
     return Found(field, valid, settings, noise, separated)
 

@@ -21,7 +21,7 @@ def in_threads(
     not depend on it.
     """
     threads = min(threads or os.cpu_count() or 1, len(items))
-    if threads == 1:
+    if threads <= 1:
         for done, item in enumerate(items, 1):
             work(item)
             yield done

@@ -13,15 +13,7 @@ from typing import Any
 import numpy as np
 
 from .asked import MOST, Asked
-from .blend import (
-    VOTERS,
-    Field,
-    error_of_misfit,
-    estimate_noisy,
-    is_noisy,
-    refine_exact,
-    unsettled,
-)
+from .blend import VOTERS, Exact, Field, Noisy, blend, error_of_misfit, is_noisy
 from .coarse import halvings, noise_in_spacings
 from .fields import is_automatic
 from .fitted import fit_all
@@ -234,10 +226,10 @@ def fit_tile(points: FloatArray, own: int, depth: FloatArray, plan: Plan) -> Til
     if len(rows):
         exact = _exact_after(nearest, exact, depth, rows, (CANDIDATES,) * STAGES)
     if blended:
-        rows = unsettled(fitted.misfit, fitted.valid)
         field = Field(normals, error_of_misfit(fitted.misfit), fitted.reach)
-        normals = refine_exact(nearest, field, fitted.misfit, rows, run).normals
-        exact = _exact_after(nearest, exact, depth, rows, _ROUNDS)
+        cloud = Exact(nearest, field, fitted.normals, fitted.misfit)
+        normals = blend(cloud, run).normals
+        exact = _exact_after(nearest, exact, depth, cloud.rows, _ROUNDS)
     return Tile(normals[back], fitted.valid[back], exact[back])
 
 
@@ -310,7 +302,7 @@ def fit_noisy_tile(
     coarse = NearestNeighbors(blocks, threads=threads, cloud=plan.count)
     nearest = NearestNeighbors(points, threads=threads, cloud=plan.count)
     run = _runner(plan.settings)
-    field = estimate_noisy(nearest, plan.level, plan.noise, run, coarse=coarse)
+    field = blend(Noisy(nearest, plan.level, plan.noise, coarse=coarse), run)
     first = _known(_reach_of(coarse, max(NOISY)), around)
     for at in range(0, len(points), _CHUNK):
         part = slice(at, at + _CHUNK)

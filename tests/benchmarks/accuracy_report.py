@@ -12,6 +12,7 @@ import report
 import sharp
 
 from core import Settings, estimate_normals
+from core.scale import CANDIDATES
 
 DOCS = accuracy.ROOT / "docs"
 ERRORS, SHARP, PICTURE = (
@@ -21,19 +22,24 @@ _PICTURED = ("bunny100k", "fandisk100k")
 _SHOWN = ("none", "medium", "high")
 _CAPPED = 45
 
+BEST = f"best fixed, at {accuracy.TRIED:,}"
+SHARES = {"least tenth": "least", "by place": "by place", "largest tenth": "largest"}
+
 
 def write(folder):
     """Write the measured part of docs/accuracy.md and its pictures."""
     paths = sorted(Path(folder).glob("*.json"))
     found = {path.stem: json.loads(path.read_text()) for path in paths}
     found = {name: f for name, f in found.items() if set(f) == set(accuracy.NAMES)}
-    sizes = len(_fixed(next(iter(found.values()))["none"]))
+    sizes = sum(len(steps) for _, _, steps in CANDIDATES.values())
     parts = [
         f"{time.strftime('%Y-%m-%d')}, {os.cpu_count()} cores. Root mean square "
         f"angles in degrees; *best fixed* is the best of {sizes} sizes and kinds of "
-        "patches for that very cloud, chosen with the truth at hand, at 2,000 of the "
-        "points; *least tenth* is the share of the squared error among the tenth of "
-        "the points that `auto` trusts least.",
+        "patches for that very cloud, chosen with the truth at hand, at "
+        f"{accuracy.TRIED:,} of the points. Shares of the squared error: *least tenth* "
+        "has the tenth of the points that `auto` trusts least, *largest tenth* those "
+        "that err most, *by place* those that err most on average in other draws of "
+        "the same noise.",
         "\n".join(_table(found)),
         f"![Errors of each condition]({ERRORS})",
         f"![Where the errors are]({PICTURE})",
@@ -56,8 +62,8 @@ def _fixed(case):
 def _methods(found):
     """Return the methods of the table: ours, then the peers that all clouds have."""
     names = {"auto": lambda case: case["errors"]["ours, auto"]}
-    names["auto, at 2,000"] = lambda case: case["tried"]
-    names["best fixed, at 2,000"] = lambda case: min(_fixed(case).values())
+    names[f"auto, at {accuracy.TRIED:,}"] = lambda case: case["tried"]
+    names[BEST] = lambda case: min(_fixed(case).values())
     cases = [case for cloud in found.values() for case in cloud.values()]
     for name in cases[0]["errors"]:
         if not name.startswith("ours") and all(name in c["errors"] for c in cases):
@@ -73,8 +79,12 @@ def _table(found):
             errors = [error(cases[name]) for name in accuracy.NAMES]
             cells = " | ".join(f"{e:.2f}" for e in (*errors, np.mean(errors)))
             lines.append(f"| {cloud} | {method} | {cells} |")
-        shares = " | ".join(f"{cases[name]['least']:.0%}" for name in accuracy.NAMES)
-        lines.append(f"| {cloud} | least tenth | {shares} | |")
+        for label, key in SHARES.items():
+            cells = [
+                f"{cases[n][key]:.0%}" if key in cases[n] else "" for n in heads[:-1]
+            ]
+            if any(cells):
+                lines.append(f"| {cloud} | {label} | {' | '.join(cells)} | |")
     return lines
 
 
@@ -91,7 +101,7 @@ def _plot(found, path):
     for i, (name, error) in enumerate(methods.items()):
         means = [np.mean([error(f[c]) for f in found.values()]) for c in accuracy.NAMES]
         places = np.arange(len(means)) + (i - len(methods) / 2 + 0.5) * width
-        color = {"auto": "C3", "best fixed, at 2,000": "C1"}.get(name)
+        color = {"auto": "C3", BEST: "C1"}.get(name)
         shade = color or pyplot.get_cmap("Greys")(0.3 + 0.08 * i)
         axes.bar(places, means, width, label=name, color=shade)
     axes.set_xticks(range(len(accuracy.NAMES)), accuracy.NAMES)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Errors against the distance to a crease: a cube and fandisk."""
+"""Errors against the distance to a crease: a cube, fandisk, and a scanned edge."""
 
 import importlib.util
 from itertools import pairwise
@@ -15,8 +15,8 @@ from core import Settings, estimate_normals
 BANDS = (0, 0.5, 1, 2, 3, 5, 10, np.inf)
 SIZE = 18
 
-# Faces that turn by more than that meet in a crease.
-_SHARP = np.radians(30)
+# Faces that turn by more than that meet in a crease, and in one that is hardly seen.
+_SHARP, _SLIGHT = 30, 5
 
 
 def shapes():
@@ -24,7 +24,16 @@ def shapes():
     yield "cube", *_cube(50_000)
     found = clouds.vertices_and_faces("fandisk")
     if found is not None:
-        yield "fandisk", *_fandisk(*found, 100_000)
+        points, normals, sharp, slight = _fandisk(*found, 100_000)
+        yield "fandisk", points, normals, sharp
+        # Points without a distance are not counted.
+        clear = np.where(slight >= 2, sharp, np.nan)
+        yield "fandisk, away from slight creases", points, normals, clear
+    path = clouds.DATA / "scan" / "fin90_with_PCA_normals.xyz"
+    if path.exists():
+        scanned, exact, normals, distance = _edge(np.loadtxt(path)[:, :3])
+        yield "fin90", scanned, normals, distance
+        yield "fin90, noise taken off", exact, normals, distance
 
 
 def methods():
@@ -87,7 +96,7 @@ def _cube(count):
 
 
 def _fandisk(vertices, faces, count):
-    """Return a sample of a mesh, and the distance to edges where faces turn sharply."""
+    """Return a sample of a mesh, and the distances to its sharp and slight creases."""
     import training
 
     rng = np.random.default_rng(3)
@@ -103,12 +112,47 @@ def _fandisk(vertices, faces, count):
     edges, owner = edges[order], owner[order]
     same = (edges[1:] == edges[:-1]).all(axis=1)
     first, second = owner[:-1][same], owner[1:][same]
-    sharp = (unit[first] * unit[second]).sum(axis=1) < np.cos(_SHARP)
-    ends = vertices[edges[:-1][same][sharp]]
-    spacing = np.sqrt(area / count)
+    turn = np.degrees(np.arccos((unit[first] * unit[second]).sum(axis=1).clip(-1, 1)))
+    ends, spacing = vertices[edges[:-1][same]], np.sqrt(area / count)
+    slight = (turn > _SLIGHT) & (turn <= _SHARP)
+    return (
+        points,
+        normals,
+        _distance(points, ends[turn > _SHARP], spacing),
+        _distance(points, ends[slight], spacing),
+    )
+
+
+def _distance(points, ends, spacing):
+    """Return how far points are from edges (e, 2, 3), in spacings."""
     places = []
     for start, end in ends:
         steps = max(2, int(np.linalg.norm(end - start) / (0.1 * spacing)))
         places.append(np.linspace(start, end, steps))
-    distance = cKDTree(np.concatenate(places)).query(points)[0]
-    return points, normals, distance / spacing
+    return cKDTree(np.concatenate(places)).query(points)[0] / spacing
+
+
+def _edge(scanned):
+    """Return points as scanned and on their curves, normals and distance to the edge.
+
+    Two bent sheets stand on the x and z axes and meet at right angles near the y axis,
+    along which they are straight. Nobody knows the surface: a polynomial of degree four
+    through each side stands for it.
+    """
+    exact, normals = scanned.copy(), np.zeros_like(scanned)
+    upright = scanned[:, 2] > scanned[:, 0]
+    curves = []
+    for side, along, across in ((~upright, 0, 2), (upright, 2, 0)):
+        place = scanned[side, along]
+        curve = np.polynomial.Polynomial.fit(place, scanned[side, across], 4)
+        exact[side, across] = curve(place)
+        normals[side, along], normals[side, across] = -curve.deriv()(place), 1
+        curves.append(curve)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    x = z = 0.0
+    for _ in range(20):
+        x, z = curves[1](z), curves[0](x)
+    near = cKDTree(scanned).query(scanned, k=9)[0][:, -1]
+    spacing = np.median(near) * np.sqrt(np.pi / 8)
+    distance = np.hypot(exact[:, 0] - x, exact[:, 2] - z)
+    return scanned, exact, normals, distance / spacing

@@ -2,7 +2,7 @@
 # ruff: noqa: T201 (a program: it says how far it is)
 """Train the nets of core/blend.py on shapes made by training.py; write core/blend.npz.
 
-    python tests/benchmarks/train.py [--shapes 60]
+    python tests/benchmarks/train.py [--shapes 72]
 
 Every shape is sampled clean, with uneven density, sparsely, and with noise from a
 twentieth of a spacing to five. The truth is the normal before noise. The first round's
@@ -13,13 +13,16 @@ The same numbers come out again on the same machine, whatever the number of proc
 """
 
 import argparse
+import os
 import sys
 import time
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from multiprocessing import Pool
 from pathlib import Path
+
+# Sums in several threads come out in any order; before numpy is loaded.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
 
@@ -27,40 +30,48 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import training
 
-from core import Settings, blend, shapes
+from core import Settings, shapes
 from core.asked import Asked
+from core.blend import CHUNK, LEAST_ERROR, Exact, Noisy, first_round, is_noisy
 from core.coarse import noise_in_spacings
 from core.fields import base_field
 from core.fitted import fit_all
 from core.graph import NearestNeighbors
 from core.neighborhoods import neighborhoods
+from core.nets import aligned, nets, with_turns
 
 ROOT = Path(__file__).resolve().parents[2]
 WEIGHTS = ROOT / "core" / "blend.npz"
 
 # Points of a cloud, and the noise in spacings: fixed, or drawn between two values.
 KINDS = {
-    "none": (20_000, 0.0),
-    "uneven": (40_000, 0.0),
-    "sparse": (4_000, 0.0),
-    "faint": (20_000, (0.05, 0.3)),
-    "low": (30_000, (0.3, 0.6)),
-    "any": (40_000, (0.5, 2.5)),
-    "medium": (60_000, (1.5, 2.8)),
-    "high": (80_000, (3.0, 5.5)),
+    "none": (15_000, 0.0),
+    "uneven": (25_000, 0.0),
+    "sparse": ((500, 8_000), 0.0),
+    "faint": (10_000, (0.05, 0.3)),
+    "low": (16_000, (0.3, 0.6)),
+    "any": (24_000, (0.5, 2.5)),
+    "medium": (40_000, (1.5, 2.8)),
+    "high": (60_000, (3.0, 5.5)),
 }
-SAMPLES = 1000
-HIDDEN = (64, 64)
-EPOCHS, BATCH, RATE, DECAY = 16, 2048, 2e-3, 1e-4
+SAMPLES, LEAST_SAMPLES = 2000, 20
+HIDDEN, DOUBTING = (64, 64), (48, 24)
+EPOCHS, BATCH, RATE, DECAY = 24, 2048, 2e-3, 1e-4
 
 # Degrees below which a cloud's error does not make it count more.
-FLOOR = 2.0
+FLOOR = 0.5
+
+# Logarithms of squared degrees that are believed, and errors over what was expected
+# beyond which they are all the same.
+WITHIN, SURPRISE = (-6, 9), 30
 
 
 def cloud(seed, kind):
     """Return points and true normals of a shape under a condition."""
     rng = np.random.default_rng([seed, 2, list(KINDS).index(kind)])
     count, level = KINDS[kind]
+    if isinstance(count, tuple):
+        count = int(np.exp(rng.uniform(*np.log(count))))
     draw = training.shape(seed)
     if kind == "sparse" and seed % 2:
         points, normals = draw(5 * count, rng)
@@ -84,69 +95,15 @@ def cloud(seed, kind):
     return points - points.mean(axis=0), normals
 
 
-@dataclass
-class Case:
-    """A cloud, what the first patches say of it, and where to look."""
-
-    kind: str
-    nearest: NearestNeighbors
-    truth: np.ndarray
-    level: float
-    noise: float
-    field: object = None
-    misfit: np.ndarray | None = None
-    rows: np.ndarray | None = None
-
-    @property
-    def exact(self):
-        return bool(self.level < blend.NOISY_FROM)
-
-
-def make_case(points, truth, kind):
-    """Return the Case of a cloud, with the points to look at drawn."""
-    nearest = NearestNeighbors(points)
-    case = Case(kind, nearest, truth, *noise_in_spacings(Asked.of(nearest)))
-    case.rows = np.arange(len(points))
-    if case.exact:
-        source, _ = neighborhoods(points, None, Settings())
-        fitted = fit_all(source, lambda _share: None)
-        case.field, _ = base_field(source, fitted)
-        case.misfit = fitted.misfit
-        case.rows = blend.unsettled(fitted.misfit, fitted.valid)
-    return case
-
-
-def first_round(case, rows):
-    """Return candidates (c, 3, m) and features (f, m) of the first round."""
-    if case.exact:
-        found = blend.exact_candidates(case.nearest, case.field, case.misfit, rows)
-    else:
-        coarse, label = blend.coarse_cloud(case.nearest, case.level)
-        own = rows if label is None else label[rows]
-        found = blend.noisy_candidates(coarse, case.level, own)
-    return found[0], found[2]
-
-
-def second_round(case, rows):
-    """Return candidates and features of the second round."""
-    if case.exact:
-        first = blend.Growing(case.field)
-        _run(
-            lambda chunk: first.put(
-                chunk, *blend.fitted_exact(case.nearest, case.field, case.misfit, chunk)
-            ),
-            blend.chunks_of(
-                case.nearest, blend.unsettled(case.misfit, case.misfit > 0)
-            ),
-        )
-        return blend.exact_votes(case.nearest, first, rows)
-    coarse, _ = blend.coarse_cloud(case.nearest, case.level)
-    first = blend.Growing(count=len(coarse.points))
-    _run(
-        lambda chunk: first.put(chunk, *blend.fitted_noisy(coarse, case.level, chunk)),
-        blend.chunks_of(coarse, coarse.order),
-    )
-    return blend.noisy_votes(case.nearest, coarse, first, case.level, case.noise, rows)
+def prepared(points):
+    """Return a cloud as the estimate sees it, Exact or Noisy."""
+    source, settings = neighborhoods(points, None, Settings(threads=1))
+    level, noise = noise_in_spacings(Asked.of(source.nearest))
+    if is_noisy(level, settings.neighbors):
+        return Noisy(source.nearest, level, noise)
+    fitted = fit_all(source, lambda _share: None)
+    field, _ = base_field(source, fitted)
+    return Exact(source.nearest, field, fitted.normals, fitted.misfit)
 
 
 def _run(work, chunks):
@@ -155,31 +112,40 @@ def _run(work, chunks):
 
 
 def sample(job, stage):
-    """Return regime, weight, candidates (m, c, 3), features (m, f), truth (m, 3)."""
+    """Return regime, weight, candidates (m, c, 3), features (m, f), truth (m, 3).
+
+    None where patches of one size leave too few points open.
+    """
     seed, kind = job
     points, truth = cloud(seed, kind)
-    case = make_case(points, truth, kind)
+    seen = prepared(points)
     rng = np.random.default_rng([seed, 3, stage])
-    count = min(SAMPLES, len(case.rows))
-    if count < 20:
+    count = min(SAMPLES, len(seen.rows))
+    if count < LEAST_SAMPLES:
         return None
-    rows = rng.choice(case.rows, count, replace=False)
-    found = [(first_round, second_round)[stage](case, part) for part in _parts(rows)]
+    rows = rng.choice(seen.rows, count, replace=False)
+    if stage == 0:
+        look = lambda part: seen.candidates(seen.first_rows(part))[::2]  # noqa: E731
+    else:
+        first, _ = seen.start()
+        first_round(seen, first, _run)
+        look = partial(seen.votes, first)
+    found = [look(part) for part in _parts(rows)]
     candidates = np.concatenate([a for a, _ in found], axis=2)
     features = np.concatenate([b for _, b in found], axis=1)
-    candidates = blend.aligned(candidates).transpose(2, 0, 1)
-    share = np.sqrt(len(case.rows) / len(points))
+    candidates = aligned(candidates).transpose(2, 0, 1)
     truth = truth[rows].astype(np.float32)
     best = min(
         np.sqrt(squared_angle(candidates[:, i], truth).mean())
         for i in range(candidates.shape[1])
     )
+    share = np.sqrt(len(seen.rows) / len(points))
     weight = np.full(count, share / max(best, FLOOR), dtype=np.float32)
-    return case.exact, weight, candidates, features.T, truth
+    return seen.name, weight, candidates, features.T, truth
 
 
 def _parts(rows):
-    return [rows[at : at + blend.CHUNK] for at in range(0, len(rows), blend.CHUNK)]
+    return [rows[at : at + CHUNK] for at in range(0, len(rows), CHUNK)]
 
 
 def squared_angle(a, b):
@@ -189,16 +155,57 @@ def squared_angle(a, b):
 
 
 def train(features, candidates, truth, weight, seed, report):
-    """Return the arrays of a Net.
+    """Return the arrays of a Net: its choice, then its doubts about that."""
+    choice, blended = _choice(features, candidates, truth, weight, seed, report)
+    turned = with_turns(features.T, candidates.transpose(1, 2, 0), blended.T).T
+    doubt = _doubt(turned, squared_angle(blended, truth) + LEAST_ERROR, seed, report)
+    return {f"choice {name}": a for name, a in choice.items()} | {
+        f"doubt {name}": a for name, a in doubt.items()
+    }
 
-    Adam with a rate that falls as a cosine; then the error, linear in the last hidden
-    layer, by maximum likelihood of exponential squared errors.
-    """
-    rng = np.random.default_rng([seed, 4])
-    mean = features.mean(axis=0)
-    scale = features.std(axis=0) + np.float32(1e-3)
+
+def _choice(features, candidates, truth, weight, seed, report):
+    """Return the arrays of a perceptron that weighs candidates, and what it blends."""
+    mean, scale = _spread(features)
     x = (features - mean) / scale
-    sizes = (x.shape[1], *HIDDEN, candidates.shape[1])
+    layers = _layers((x.shape[1], *HIDDEN, candidates.shape[1]), seed)
+    weight = weight / weight.mean()
+
+    def slopes(outputs, rows):
+        return _slopes_of_blend(outputs, candidates[rows], truth[rows], weight[rows])
+
+    _descend(layers, x, slopes, seed, report)
+    return _arrays(mean, scale, layers), _blend(layers, x, candidates)
+
+
+def _doubt(features, square, seed, report):
+    """Return the arrays of a perceptron that finds the mean of squared errors.
+
+    By maximum likelihood, as if they were exponential variables: the least of
+    square / E + log E.
+    """
+    mean, scale = _spread(features)
+    layers = _layers((features.shape[1], *DOUBTING, 1), seed)
+    layers[-1][1][:] = np.log(square.mean())
+
+    def slopes(outputs, rows):
+        found = outputs[:, 0]
+        ratio = square[rows] * np.exp(-found.clip(*WITHIN))
+        loss = float((ratio + found).mean())
+        # Beyond so many times what is expected an error pulls no harder.
+        return loss, (1 - np.minimum(ratio, SURPRISE))[:, None] / np.float32(len(rows))
+
+    _descend(layers, (features - mean) / scale, slopes, seed, report)
+    return _arrays(mean, scale, layers)
+
+
+def _spread(features):
+    return features.mean(axis=0), features.std(axis=0) + np.float32(1e-3)
+
+
+def _layers(sizes, seed):
+    """Return matrices and offsets to start from; the last hardly matter yet."""
+    rng = np.random.default_rng([seed, 4])
     layers = [
         [
             rng.normal(0, np.sqrt(2 / a), (a, b)).astype(np.float32),
@@ -207,33 +214,41 @@ def train(features, candidates, truth, weight, seed, report):
         for a, b in pairwise(sizes)
     ]
     layers[-1][0] *= np.float32(0.1)
-    weight = weight / weight.mean()
-    moments = [[np.zeros_like(p), np.zeros_like(p)] for pair in layers for p in pair]
-    steps, step = EPOCHS * (len(x) // BATCH), 0
-    for epoch in range(EPOCHS):
-        total = 0.0
-        order = rng.permutation(len(x))
-        for at in range(0, len(x) - BATCH + 1, BATCH):
-            rows = order[at : at + BATCH]
-            loss, slopes = _slopes(
-                layers, x[rows], candidates[rows], truth[rows], weight[rows]
-            )
-            total += loss
-            step += 1
-            rate = RATE * min(1, step / 200) * (1 + np.cos(np.pi * step / steps)) / 2
-            _adam(layers, slopes, moments, step, float(rate))
-        if epoch % 4 == 3:
-            report(f"epoch {epoch + 1}: {total / (len(x) // BATCH):.5f}")
-    hidden = _forward(layers, x)[-2]
-    blended = _blend(layers, x, candidates)
-    error = _error_head(hidden, squared_angle(blended, truth) + blend.LEAST_ERROR)
+    return layers
+
+
+def _arrays(mean, scale, layers):
     return {
         "mean": mean.astype(np.float32),
         "scale": scale.astype(np.float32),
         **{f"matrix{i}": m.astype(np.float16) for i, (m, _) in enumerate(layers)},
         **{f"offset{i}": o.astype(np.float16) for i, (_, o) in enumerate(layers)},
-        "error": error.astype(np.float32),
     }
+
+
+def _descend(layers, x, slopes_of, seed, report):
+    """Fit layers, in place, by Adam with a rate that falls as a cosine.
+
+    slopes_of(outputs, rows) returns the loss of some rows and its derivatives by what
+    the last layer gives.
+    """
+    rng = np.random.default_rng([seed, 5])
+    moments = [[np.zeros_like(p), np.zeros_like(p)] for pair in layers for p in pair]
+    batches = len(x) // BATCH
+    for epoch in range(EPOCHS):
+        total = 0.0
+        order = rng.permutation(len(x))
+        for batch in range(batches):
+            rows = order[batch * BATCH : (batch + 1) * BATCH]
+            outputs = _forward(layers, x[rows])
+            loss, slope = slopes_of(outputs[-1], rows)
+            total += loss
+            step = epoch * batches + batch + 1
+            falling = (1 + np.cos(np.pi * step / (EPOCHS * batches))) / 2
+            rate = RATE * min(1, step / 200) * falling
+            slopes = _backward(layers, outputs, slope.astype(np.float32))
+            _adam(layers, slopes, moments, step, float(rate))
+    report(f"loss {total / batches:.5f}")
 
 
 def _forward(layers, x):
@@ -247,6 +262,17 @@ def _forward(layers, x):
     return outputs
 
 
+def _backward(layers, outputs, slope):
+    """Return derivatives by matrices and offsets from those by the last output."""
+    slopes = []
+    for i in range(len(layers) - 1, -1, -1):
+        if i < len(layers) - 1:
+            slope = np.where(outputs[i + 1] > 0, slope, np.float32(0.01) * slope)
+        slopes.append([outputs[i].T @ slope, slope.sum(axis=0)])
+        slope = slope @ layers[i][0].T
+    return slopes[::-1]
+
+
 def _softmax(scores):
     weights = np.exp(scores - scores.max(axis=1, keepdims=True))
     return weights / weights.sum(axis=1, keepdims=True)
@@ -258,10 +284,9 @@ def _blend(layers, x, candidates):
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def _slopes(layers, x, candidates, truth, weight):
-    """Return the loss of a batch, and its derivatives by matrices and offsets."""
-    outputs = _forward(layers, x)
-    shares = _softmax(outputs[-1])
+def _slopes_of_blend(scores, candidates, truth, weight):
+    """Return the loss of a batch, and its derivatives by the scores."""
+    shares = _softmax(scores)
     blended = np.matmul(shares[:, None], candidates)[:, 0]
     length = np.linalg.norm(blended, axis=1, keepdims=True) + np.float32(1e-9)
     unit = blended / length
@@ -271,14 +296,7 @@ def _slopes(layers, x, candidates, truth, weight):
     by_blend = -2 * side * (truth - cosine * unit) / length
     by_share = np.matmul(candidates, by_blend[:, :, None])[:, :, 0] * weight[:, None]
     slope = shares * (by_share - (shares * by_share).sum(axis=1, keepdims=True))
-    slope /= np.float32(len(x))
-    slopes = []
-    for i in range(len(layers) - 1, -1, -1):
-        if i < len(layers) - 1:
-            slope = np.where(outputs[i + 1] > 0, slope, np.float32(0.01) * slope)
-        slopes.append([outputs[i].T @ slope, slope.sum(axis=0)])
-        slope = slope @ layers[i][0].T
-    return loss, slopes[::-1]
+    return loss, slope / np.float32(len(scores))
 
 
 def _adam(layers, slopes, moments, step, rate):
@@ -295,32 +313,13 @@ def _adam(layers, slopes, moments, step, rate):
             pair[j] -= np.float32(rate) * move
 
 
-def _error_head(hidden, square):
-    """Return the coefficients of log E, E the mean of exponential variables.
-
-    Newton's method on sum(square / E + log E), which is convex in the coefficients.
-    """
-    design = np.concatenate([hidden, np.ones((len(hidden), 1))], axis=1).astype(float)
-    found = np.zeros(design.shape[1])
-    found[-1] = np.log(square.mean())
-    ridge = 1e-3 * len(design) * np.eye(len(found))
-    ridge[-1, -1] = 0
-    for _ in range(30):
-        ratio = np.exp(np.clip(np.log(square) - design @ found, -20, 8))
-        # The expected curvature: one for each point, whatever its error.
-        slope = design.T @ (1 - ratio) + ridge @ found
-        curvature = design.T @ (design * np.maximum(ratio, 0.3)[:, None]) + ridge
-        found -= np.linalg.solve(curvature, slope)
-    return found
-
-
 def gather(jobs, stage, processes, report):
     """Return features, candidates, truth and weight of all jobs, by regime."""
     with Pool(processes) as pool:
         found = pool.map(partial(sample, stage=stage), jobs, chunksize=1)
     result = {}
-    for exact, name in ((True, "exact"), (False, "noisy")):
-        mine = [s for s in found if s is not None and s[0] is exact]
+    for name in ("exact", "noisy"):
+        mine = [s for s in found if s is not None and s[0] == name]
         weight, candidates, features, truth = (
             np.concatenate([s[i] for s in mine]) for i in range(1, 5)
         )
@@ -331,14 +330,14 @@ def gather(jobs, stage, processes, report):
 
 def write(arrays):
     """Write the nets and their names."""
-    names = sorted({key.rsplit("_", 1)[0] for key in arrays})
+    names = sorted({" ".join(key.split(" ")[:2]) for key in arrays})
     np.savez_compressed(WEIGHTS, names=np.array(names), **arrays)
 
 
 def main():
     """Train, round by round."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--shapes", type=int, default=60)
+    parser.add_argument("--shapes", type=int, default=72)
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
     start = time.perf_counter()
@@ -352,10 +351,10 @@ def main():
         found = gather(jobs, stage, options.processes, report)
         for i, (regime, data) in enumerate(found.items()):
             net = train(*data, 2 * stage + i, report)
-            arrays |= {f"{regime} {name}_{part}": a for part, a in net.items()}
+            arrays |= {f"{regime} {name} {part}": a for part, a in net.items()}
         # The second round looks at the first's normals.
         write(arrays)
-        blend.nets.cache_clear()
+        nets.cache_clear()
     report(f"{WEIGHTS.stat().st_size / 1000:.0f} kB")
 
 

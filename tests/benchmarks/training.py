@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Shapes to train on, made here: bodies with facets, creases, fillets and thin parts.
 
-Every shape is a triangle mesh or a union of solids, sampled evenly by area; the truth
-is the normal of the triangle or solid that a point lies on, as in the PCPNet protocol.
+Every shape is a triangle mesh, a smooth surface or a union of solids, sampled evenly by
+area; the truth is the normal of the triangle, surface or solid that a point lies on, as
+in the PCPNet protocol.
 """
 
 import numpy as np
@@ -291,6 +292,71 @@ class Solids:
         return (solid if drilled else ~solid) & ~hole
 
 
+def _ball(rng):
+    """Return a smooth bumpy body as a function of two parameters."""
+    octaves = rng.integers(1, 5)
+    waves = [rng.normal(size=(6, 3)) * 2.0**octave for octave in range(octaves)]
+    phases = rng.uniform(0, 2 * np.pi, (octaves, 6))
+    strength = rng.uniform(0, 0.8)
+    stretch = rng.uniform(0.35, 1, 3)
+
+    def surface(at):
+        z, turn = 2 * at[:, 0] - 1, 2 * np.pi * at[:, 1]
+        flat = np.sqrt(1 - z * z)
+        directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+        height = sum(
+            0.5**octave * np.sin(directions @ wave.T + phase).mean(axis=1)
+            for octave, (wave, phase) in enumerate(zip(waves, phases, strict=True))
+        )
+        return directions * np.exp(strength * height)[:, None] * stretch
+
+    return surface
+
+
+def _ring(rng):
+    """Return a smooth thin tube around a closed curve, which may cross itself."""
+    # Nearly level, so that the curve never runs along the z axis.
+    amplitude = rng.normal(0, 1, (3, 3)) / np.array([1, 2, 3])[:, None] ** 2
+    amplitude *= [1, 1, 0.3]
+    phase = rng.uniform(0, 2 * np.pi, (3, 3))
+    radius, bulge = rng.uniform(0.1, 0.4), rng.uniform(0, 0.5)
+    flat = rng.uniform(0.4, 1)
+
+    def surface(at):
+        turn, v = 2 * np.pi * at.T[:, :, None]
+        waves = np.arange(1, 4)
+        angle = waves[:, None] * turn[:, None] + phase
+        curve = (amplitude * np.sin(angle)).sum(axis=1)
+        tangent = (waves[:, None] * amplitude * np.cos(angle)).sum(axis=1)
+        side = np.cross(tangent, [0.0, 0.0, 1.0])
+        side /= np.linalg.norm(side, axis=1, keepdims=True)
+        other = np.cross(tangent, side)
+        other /= np.linalg.norm(other, axis=1, keepdims=True)
+        wide = radius * (1 + bulge * np.sin(3 * turn))
+        return curve + wide * (np.cos(v) * side + flat * np.sin(v) * other)
+
+    return surface
+
+
+class Smooth:
+    """A surface without facets or creases, known exactly."""
+
+    def __init__(self, rng):
+        self.surface = (_ball, _ball, _ring)[rng.integers(3)](rng)
+
+    def sample(self, count, rng):
+        # Differences reach beyond both ends.
+        at = 0.0001 + 0.9998 * rng.random((4 * count, 2))
+        along = [
+            self.surface(at + step) - self.surface(at - step)
+            for step in 1e-5 * np.eye(2)
+        ]
+        cross = np.cross(*along)
+        area = np.linalg.norm(cross, axis=1)
+        kept = rng.choice(len(at), count, replace=False, p=area / area.sum())
+        return self.surface(at[kept]), cross[kept] / area[kept, None]
+
+
 MESHES = (blob, blob, extrusion, lathe, tube)
 
 
@@ -300,6 +366,8 @@ def shape(seed):
     turn = rotation(rng)
     if seed % 3 == 2:
         draw = Solids(rng).sample
+    elif seed % 6 == 4:
+        draw = Smooth(rng).sample
     else:
         vertices, faces = MESHES[rng.integers(len(MESHES))](rng)
         draw = lambda count, rng: sample_mesh(vertices, faces, count, rng)  # noqa: E731

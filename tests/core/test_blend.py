@@ -4,11 +4,12 @@
 import numpy as np
 import pytest
 
-from core import Settings, blend, compare_normals, estimate_normals, shapes
+from core import Settings, compare_normals, estimate_normals, shapes
 from core.asked import Asked
 from core.coarse import block_means, halvings, noise_in_spacings
 from core.graph import NearestNeighbors
 from core.ladder import EXACT, NOISY, fit_ladder
+from core.nets import nets
 from core.votes import count_votes
 
 AUTO = Settings(orientation="none")
@@ -125,21 +126,22 @@ def test_votes_find_both_sides_of_an_edge():
 
 
 def test_nets_are_small_and_whole():
-    nets = blend.nets()
-    assert set(nets) == {"exact fit", "exact vote", "noisy fit", "noisy vote"}
-    for net in nets.values():
-        assert all(np.isfinite(matrix).all() for matrix, _ in net.layers)
-        assert (net.scale > 0).all()
+    assert set(nets()) == {"exact fit", "exact vote", "noisy fit", "noisy vote"}
+    for net in nets().values():
+        for part in (net.choice, net.doubt):
+            assert all(np.isfinite(matrix).all() for matrix, _ in part.layers)
+            assert (part.scale > 0).all()
+            assert sum(matrix.size for matrix, _ in part.layers) < 20_000
 
 
 def test_a_blend_is_one_of_equal_candidates():
     """Whatever the weights; and whatever the sides."""
-    net = blend.nets()["exact vote"]
-    count = len(net.layers[-1][1])
+    net = nets()["exact vote"]
+    count = len(net.choice.layers[-1][1])
     normal = np.array([0.6, 0.0, 0.8], dtype=np.float32)
     sides = np.where(np.arange(count) % 2, 1, -1)
     candidates = (sides[:, None, None] * normal[:, None]).astype(np.float32)
-    features = net.mean[:, None] + net.scale[:, None]
+    features = net.choice.mean[:, None] + net.choice.scale[:, None]
     found, weights, _ = net.blend(features, candidates)
     np.testing.assert_allclose(np.abs(found[:, 0] @ normal), 1, atol=1e-6)
     np.testing.assert_allclose(weights.sum(axis=0), 1, atol=1e-5)

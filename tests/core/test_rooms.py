@@ -34,6 +34,7 @@ CORE_ORDER = (
     "ladder",
     "coarse",
     "votes",
+    "nets",
     "blend",
     "sheets",
     "guides",

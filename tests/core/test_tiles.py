@@ -14,7 +14,7 @@ from addon import cli, files
 from addon.files.shape import Shape
 from core import InputError, Settings, shapes
 from core.asked import Asked
-from core.blend import coarse_cloud, estimate_noisy
+from core.blend import Noisy, blend, coarse_cloud
 from core.coarse import block_means
 from core.graph import NearestNeighbors
 from core.halves import halved
@@ -205,7 +205,9 @@ def test_tiles_blend_at_creases_as_one_piece_does(noise, tmp_path):
     estimate(tmp_path / "a.npy", tmp_path / "c.npy")
     tiles, whole = (np.load(tmp_path / f"{name}.npy")[:, 3:] for name in "bc")
     # Bits but for a few points that hang on the last ones of a sum.
-    assert np.abs(tiles - whole).max() < 1e-5
+    # On the very edge of a cube a side may be either one's, too.
+    off = np.minimum(np.abs(tiles - whole), np.abs(tiles + whole)).max(axis=1)
+    assert off.max() < 1e-5
     assert (tiles == whole).all(axis=1).mean() > 0.999
 
 
@@ -223,7 +225,7 @@ def test_noisy_tiles_are_the_same_bits_under_one_plan(level):
         for chunk in chunks:
             work(chunk)
 
-    whole = estimate_noisy(nearest, plan.level, plan.noise, run)
+    whole = blend(Noisy(nearest, plan.level, plan.noise), run)
     coarse, _ = coarse_cloud(nearest, plan.level)
     assert (len(coarse) == count) == (plan.halvings is None) == (level < 0.25)
     partition, rows = boxed(points, 2)
