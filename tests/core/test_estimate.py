@@ -107,7 +107,7 @@ def test_translation_by_a_million(seed):
     # Coordinates at 1e6 are rounded to 1e-10, edges are 0.1 long; but what nets are told
     # is in single precision, and logarithms of small shares show that most.
     turned = angles(there, here.normals)
-    assert np.quantile(turned, 0.9) < 0.02
+    assert np.quantile(turned, 0.9) < 0.01
     assert turned.max() < 0.5
     assert ((here.normals * there.normals).sum(axis=1) > 0).all()
 
@@ -484,7 +484,7 @@ def test_bundle_at_a_point_has_the_normal_of_its_estimate(setting):
         weights = estimate.settings.weights
         normal = estimate.patches([i]).normals(weights=weights)[0]
         # Method "auto" blends patches of other sizes in where it sees a reason.
-        close = 1e-2 if setting == Settings() else 1e-9
+        close = 1e-3 if setting == Settings() else 1e-9
         assert abs(normal @ estimate.normals[i]) == pytest.approx(1, abs=close)
         if weights == "paper":
             # The three-point difference is not exact on cubic terms.
