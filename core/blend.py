@@ -250,11 +250,11 @@ class Noisy:
         *,
         coarse: NearestNeighbors | None = None,
     ) -> None:
-        self.nearest, self.coarse = nearest, coarse
-        self._level, self._noise = level, noise
-        self._label = np.zeros(len(nearest), dtype=np.int64)
+        label: IntArray | None = np.zeros(len(nearest), dtype=np.int64)
         if coarse is None:
-            self.coarse, self._label = coarse_cloud(nearest, level)
+            coarse, label = coarse_cloud(nearest, level)
+        self.nearest, self.coarse, self._label = nearest, coarse, label
+        self._level, self._noise = level, noise
         self.rows = nearest.order
 
     def first_chunks(self) -> list[IntArray]:

@@ -104,8 +104,8 @@ def test_translation_by_a_million(seed):
     points, _, _ = shapes.TORUS.sample(300, seed)
     here = estimate_normals(points)
     there = estimate_normals(points + [1000000.0, -1000000.0, 1000000.0])
-    # Coordinates at 1e6 are rounded to 1e-10, edges are 0.1 long; but what nets are told
-    # is in single precision, and logarithms of small shares show that most.
+    # Coordinates at 1e6 are rounded to 1e-10, edges are 0.1 long; but what nets are
+    # told is in single precision, and logarithms of small shares show that most.
     turned = angles(there, here.normals)
     assert np.quantile(turned, 0.9) < 0.01
     assert turned.max() < 0.5
