@@ -73,7 +73,7 @@ bench-accuracy: ## errors under noise and at creases next to peers, into docs/ac
 	@PYTHONPATH=.ci $(PYTHON) tests/benchmarks/install.py
 	@PYTHONPATH=. .venv/bench/bin/python tests/benchmarks/accuracy.py --write $(OPTIONS)
 
-train: core-environment ## the weights of core/blend.npz anew, from shapes made on the spot
+train: core-environment ## the weights of core/auto/blend.npz anew, from shapes made on the spot
 	$(CORE) tests/benchmarks/train.py $(OPTIONS)
 
 # Types are checked under the name of the package, whatever the checkout is called.

@@ -85,6 +85,7 @@ def _send_code(client: Any, folder: Path) -> None:
         parts = package.split(".")
         for depth in range(1, len(parts) + 1):
             archive.writestr("/".join(parts[:depth]) + "/__init__.py", "")
-        for source in sorted(root.glob("*.*")):
-            archive.write(source, f"{'/'.join(parts)}/core/{source.name}")
+        for source in sorted((*root.rglob("*.py"), *root.rglob("*.npz"))):
+            name = source.relative_to(root).as_posix()
+            archive.write(source, f"{'/'.join(parts)}/core/{name}")
     client.upload_file(str(path))

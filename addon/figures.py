@@ -14,7 +14,7 @@ from mathutils import Matrix, Vector
 
 from ..core import Comparison, GridSurface, TimeScale, compare_normals, estimate_normals
 from ..core.experiment import METHODS, SURFACES, baseline_normals
-from ..core.graph import delaunay_simplices
+from ..core.neighbors.graph import delaunay_simplices
 from . import bridge, picture, plots
 from .picture import Panel
 from .plots import FAINT, ORANGE, TEAL, Array, Color

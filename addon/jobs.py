@@ -13,7 +13,7 @@ import numpy as np
 from bpy.types import Context, Object
 
 from .. import core
-from ..core.faces import fan_means
+from ..core.mesh.faces import fan_means
 from ..core.progress import Progress, between
 from . import bridge, coloring
 from .properties import place_of, reference_of, to_core

@@ -20,10 +20,10 @@ import numpy as np
 
 from .. import core
 from ..core import tiles
-from ..core.coarse import block_means
+from ..core.auto.coarse import block_means
 from ..core.inputs import check_size, snapped
 from ..core.partition import Partition, depth_in_box
-from ..core.sheets import NO_MATTER, noise_of_counts
+from ..core.patches.sheets import NO_MATTER, noise_of_counts
 from .files import streams
 
 Progress = Callable[[float], object]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from bpy.types import Object
 
-from ..core.faces import unit
+from ..core.mesh.faces import unit
 from . import bridge
 
 # Lines of one method; more would hide the surface and slow the viewport down.

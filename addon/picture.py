@@ -17,7 +17,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..core import Comparison
-from ..core.graph import NearestNeighbors
+from ..core.neighbors.graph import NearestNeighbors
 from . import bridge
 
 PAGE = (16.0, 9.0)

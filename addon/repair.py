@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Repair Normals: one click for meshes that shade badly, or a look at what it would do.
 
-What a mesh shows of itself decides what its normals become (`core/meshes.py`); faces
-that wind against the others are found, and turned over where that is asked for.
+What a mesh shows of itself decides what its normals become (`core/mesh/meshes.py`);
+faces that wind against the others are found, and turned over where that is asked for.
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from bpy.props import BoolProperty, FloatProperty
 from bpy.types import Context
 
 from .. import core
-from ..core.creases import find_sharp_edges
-from ..core.faces import angles_between
+from ..core.mesh.creases import find_sharp_edges
+from ..core.mesh.faces import angles_between
+from ..core.orient.winding import Winding, find_flipped_faces
 from ..core.progress import Progress
-from ..core.winding import Winding, find_flipped_faces
 from . import bridge, dress, jobs
 from .jobs import Job
 from .properties import EstimateOptions

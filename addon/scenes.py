@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 
 from .. import core
-from ..core.winding import find_flipped_faces
+from ..core.orient.winding import find_flipped_faces
 from . import bridge, jobs
 from .files.shape import FileError, Polygons, Shape
 from .jobs import Job

@@ -10,8 +10,8 @@ from bpy.props import EnumProperty, StringProperty
 from bpy.types import Context, Event, Menu
 
 from .. import core
-from ..core.orientation import Orientation, find_orientation
-from ..core.pieces import connected_pieces
+from ..core.orient.orientation import Orientation, find_orientation
+from ..core.orient.pieces import connected_pieces
 from ..core.progress import Progress
 from . import bridge
 from .choices import ORIENTATIONS

@@ -16,9 +16,9 @@ import numpy as np
 
 from .. import core
 from ..core.comparison import angle
-from ..core.faces import unit
-from ..core.graph import NearestNeighbors
-from ..core.winding import find_flipped_faces
+from ..core.mesh.faces import unit
+from ..core.neighbors.graph import NearestNeighbors
+from ..core.orient.winding import find_flipped_faces
 from . import files, large, snapshot
 from .cluster import tile_runner
 from .files.shape import Shape

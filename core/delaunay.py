@@ -9,11 +9,11 @@ References
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .chart import along, principal_axes
-from .faces import unit, vertex_normals
-from .graph import NearestNeighbors, delaunay_simplices
 from .inputs import FloatArray, InputError, as_faces, as_numbers, as_points
-from .patch import precision
+from .mesh.faces import unit, vertex_normals
+from .neighbors.graph import NearestNeighbors, delaunay_simplices
+from .patches.chart import along, principal_axes
+from .patches.patch import precision
 from .progress import Progress, silent
 from .threads import in_threads
 

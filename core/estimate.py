@@ -7,10 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .creases import parting_edges
-from .faces import fan_means, split_fans
 from .fields import from_patches
-from .guides import reference_normals
 from .inputs import (
     BoolArray,
     FloatArray,
@@ -22,20 +19,28 @@ from .inputs import (
     check_size,
     extent_of,
 )
-from .meshes import MeshNormals
+from .mesh.creases import parting_edges
+from .mesh.faces import fan_means, split_fans
+from .mesh.meshes import MeshNormals
 from .neighborhoods import Nearest, neighborhoods_of_all, unique_points
-from .orientation import Orientation, find_orientation, sides_of_mesh, with_disagreement
-from .patch import LEAST_NEIGHBORS, Patches
-from .progress import Progress, between, silent
-from .settings import Settings
-from .surface import GridSurface
-from .threads import hold_memory
-from .winding import (
+from .orient.guides import reference_normals
+from .orient.orientation import (
+    Orientation,
+    find_orientation,
+    sides_of_mesh,
+    with_disagreement,
+)
+from .orient.winding import (
     Winding,
     count_inconsistent,
     find_flipped_faces,
     wound_alike,
 )
+from .patches.patch import LEAST_NEIGHBORS, Patches
+from .progress import Progress, between, silent
+from .settings import Settings
+from .surface import GridSurface
+from .threads import hold_memory
 
 # Where the progress stands when neighbors are found, and when patches are fitted; the
 # rest is the orientation's.

@@ -19,9 +19,9 @@ import numpy as np
 from .comparison import Comparison, angle, compare_normals
 from .delaunay import delaunay_normals
 from .estimate import estimate_normals
-from .faces import face_vectors, unit
-from .graph import delaunay_simplices
 from .inputs import FloatArray
+from .mesh.faces import face_vectors, unit
+from .neighbors.graph import delaunay_simplices
 from .settings import Settings
 from .shapes import PHI1, PHI2, Shape
 from .surface import GridSurface

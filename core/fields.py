@@ -4,17 +4,17 @@
 from dataclasses import dataclass
 from itertools import count
 
-from .asked import Asked
-from .blend import Exact, Field, Noisy, blend, error_of_misfit, is_enough, is_noisy
-from .coarse import noise_in_spacings
-from .faces import Triangles
-from .fitted import Fitted, fit_all
+from .auto.blend import Exact, Field, Noisy, blend, error_of_misfit, is_enough, is_noisy
+from .auto.coarse import noise_in_spacings
 from .inputs import BoolArray, FloatArray, IntArray
-from .meshes import MeshNormals, choose_normals, with_faces
+from .mesh.faces import Triangles
+from .mesh.meshes import MeshNormals, choose_normals, with_faces
 from .neighborhoods import Nearest, Rings, neighborhoods
+from .patches.asked import Asked
+from .patches.fitted import Fitted, fit_all
+from .patches.sheets import STAGES, separate, suspects
 from .progress import Progress, between, silent
 from .settings import Settings
-from .sheets import STAGES, separate, suspects
 from .threads import in_threads
 
 # Where the progress stands when patches of one size are fitted, and when points are

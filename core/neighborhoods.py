@@ -6,11 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
-from .asked import Asked
-from .graph import NearestNeighbors, NeighborGraph
 from .inputs import FloatArray, InputError, IntArray, centered_parts, extent_of
-from .patch import LEAST_NEIGHBORS, Patches, fit_patches, precision
-from .scale import choose_scale
+from .neighbors.graph import NearestNeighbors, NeighborGraph
+from .patches.asked import Asked
+from .patches.patch import LEAST_NEIGHBORS, Patches, fit_patches, precision
+from .patches.scale import choose_scale
 from .settings import PATCHES, Settings
 
 # Points whose patches are fitted in one go: their arrays stay in the cache.

@@ -4,10 +4,10 @@
 from dataclasses import dataclass, field, fields
 
 from .inputs import InputError, as_choice
-from .orientation import MODES
-from .patch import BIQUADRATIC, CUBIC, LEAST_NEIGHBORS
+from .orient.orientation import MODES
+from .orient.winding import NESTED
+from .patches.patch import BIQUADRATIC, CUBIC, LEAST_NEIGHBORS
 from .timescale import WEIGHTS
-from .winding import NESTED
 
 PATCHES = {"biquadratic": BIQUADRATIC, "cubic": CUBIC}
 METHODS = ("auto", "time_scale", "paper")

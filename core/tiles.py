@@ -12,21 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from .asked import MOST, Asked
-from .blend import VOTERS, Exact, Field, Noisy, blend, error_of_misfit, is_noisy
-from .coarse import halvings, noise_in_spacings
+from .auto.blend import VOTERS, Exact, Field, Noisy, blend, error_of_misfit, is_noisy
+from .auto.coarse import halvings, noise_in_spacings
+from .auto.ladder import EXACT, NOISY
 from .fields import is_automatic
-from .fitted import fit_all
-from .graph import NearestNeighbors
 from .inputs import BoolArray, FloatArray, InputError, IntArray
-from .ladder import EXACT, NOISY
 from .neighborhoods import Nearest, of_nearest, unique_points
-from .orientation import Orientation, find_orientation
-from .patch import LEAST_NEIGHBORS
+from .neighbors.graph import NearestNeighbors
+from .orient.orientation import Orientation, find_orientation
+from .patches.asked import MOST, Asked
+from .patches.fitted import fit_all
+from .patches.patch import LEAST_NEIGHBORS
+from .patches.scale import patches_of
+from .patches.sheets import CANDIDATES, STAGES, counts_of_steps, separate, suspects
 from .progress import silent
-from .scale import patches_of
 from .settings import PATCHES, Settings
-from .sheets import CANDIDATES, STAGES, counts_of_steps, separate, suspects
 from .threads import in_threads
 
 # How the sides of the normals of tiles can be found.

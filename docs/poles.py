@@ -12,8 +12,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from core.graph import NearestNeighbors
-from core.poles import delaunay_complex, find_poles, label_poles
+from core.neighbors.graph import NearestNeighbors
+from core.orient.poles import delaunay_complex, find_poles, label_poles
 
 mpl.use("Agg")
 from matplotlib import pyplot

@@ -20,7 +20,7 @@ import damage  # noqa: E402 - found by the line above
 import solids  # noqa: E402
 
 from core import estimate_normals  # noqa: E402
-from core.faces import split_fans, unit, vertex_normals  # noqa: E402
+from core.mesh.faces import split_fans, unit, vertex_normals  # noqa: E402
 
 PICTURES = ROOT / "docs" / "pictures"
 SIZE, MARGIN = 300, 1.08

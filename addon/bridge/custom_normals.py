@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...core.faces import split_fans, unit
+from ...core.mesh.faces import split_fans, unit
 from . import arrays
 from .arrays import BACKUP, CUSTOM_NORMAL, KINDS, Array, Kind
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.faces import unit
+from ...core.mesh.faces import unit
 from ...core.progress import Progress, silent
 from .arrays import Array
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from bpy.types import Mesh, Object
 
-from ...core.faces import fan_means, unit
 from ...core.inputs import as_normals
+from ...core.mesh.faces import fan_means, unit
 from . import arrays, custom_normals, polygons
 from .arrays import BACKUP, KINDS, Array, ObjectError
 from .geometry import Corners, times

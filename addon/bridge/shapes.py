@@ -12,7 +12,7 @@ import numpy as np
 from bpy.types import Object
 from mathutils.bvhtree import BVHTree
 
-from ...core.faces import unit
+from ...core.mesh.faces import unit
 from . import arrays, custom_normals, polygons
 from .arrays import Array, Kind, ObjectError
 from .geometry import Geometry, Surface, times

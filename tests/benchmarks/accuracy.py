@@ -30,7 +30,7 @@ import training
 
 from core import Settings, estimate_normals
 from core.neighborhoods import neighborhoods
-from core.scale import CANDIDATES
+from core.patches.scale import CANDIDATES
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "out" / "accuracy"

@@ -12,7 +12,7 @@ import report
 import sharp
 
 from core import Settings, estimate_normals
-from core.scale import CANDIDATES
+from core.patches.scale import CANDIDATES
 
 DOCS = accuracy.ROOT / "docs"
 ERRORS, SHARP, PICTURE = (

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from solids import box_of, paired_sides, surface_net, voxel_grid
 
-from core.faces import Triangles, face_vectors, split_fans, unit, vertex_normals
+from core.mesh.faces import Triangles, face_vectors, split_fans, unit, vertex_normals
 
 NOISE = (0.05, 0.1, 0.3, 0.6, 1.0)
 KEPT = (50, 25, 10)

@@ -29,7 +29,7 @@ import report
 import solids
 
 from core import estimate_normals
-from core.faces import Triangles, corner_sums, split_fans, unit
+from core.mesh.faces import Triangles, corner_sums, split_fans, unit
 
 ROOT = Path(__file__).resolve().parents[2]
 # Below this many degrees normals are exact for all purposes: custom normals in tangent

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, cKDTree
 
-from core.faces import face_vectors, unit
+from core.mesh.faces import face_vectors, unit
 
 # What a turn of a normal weighs beside a distance, as a share of the solid's size, when
 # a face looks for its piece: both sides of a crease are near, one faces as it does.

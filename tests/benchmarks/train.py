@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # ruff: noqa: T201 (a program: it says how far it is)
-"""Train the nets of core/blend.py on shapes made by training.py; write core/blend.npz.
+"""Train the nets of core/auto on shapes made by training.py; write its blend.npz.
 
     python tests/benchmarks/train.py [--shapes 72]
 
@@ -31,17 +31,17 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import training
 
 from core import Settings, shapes
-from core.asked import Asked
-from core.blend import CHUNK, LEAST_ERROR, Exact, Noisy, first_round, is_noisy
-from core.coarse import noise_in_spacings
+from core.auto.blend import CHUNK, LEAST_ERROR, Exact, Noisy, first_round, is_noisy
+from core.auto.coarse import noise_in_spacings
+from core.auto.nets import aligned, nets, with_turns
 from core.fields import base_field
-from core.fitted import fit_all
-from core.graph import NearestNeighbors
 from core.neighborhoods import neighborhoods
-from core.nets import aligned, nets, with_turns
+from core.neighbors.graph import NearestNeighbors
+from core.patches.asked import Asked
+from core.patches.fitted import fit_all
 
 ROOT = Path(__file__).resolve().parents[2]
-WEIGHTS = ROOT / "core" / "blend.npz"
+WEIGHTS = ROOT / "core" / "auto" / "blend.npz"
 
 # Points of a cloud, and the noise in spacings: fixed, or drawn between two values.
 KINDS = {

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from core import Settings, compare_normals, estimate_normals, shapes
-from core.asked import Asked
-from core.coarse import block_means, halvings, noise_in_spacings
-from core.graph import NearestNeighbors
-from core.ladder import EXACT, NOISY, fit_ladder
-from core.nets import nets
-from core.votes import count_votes
+from core.auto.coarse import block_means, halvings, noise_in_spacings
+from core.auto.ladder import EXACT, NOISY, fit_ladder
+from core.auto.nets import nets
+from core.auto.votes import count_votes
+from core.neighbors.graph import NearestNeighbors
+from core.patches.asked import Asked
 
 AUTO = Settings(orientation="none")
 

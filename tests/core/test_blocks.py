@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from core import shapes
-from core.blocks import LARGEST, Blocks
-from core.graph import NearestNeighbors
+from core.neighbors.blocks import LARGEST, Blocks
+from core.neighbors.graph import NearestNeighbors
 
 
 def clouds():

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.chart import principal_axes, tangent_axes
+from core.patches.chart import principal_axes, tangent_axes
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -7,7 +7,7 @@ from scipy.spatial import Delaunay
 
 from core import InputError, compare_normals, delaunay_normals, shapes
 from core.delaunay import _star
-from core.faces import vertex_normals
+from core.mesh.faces import vertex_normals
 
 
 def test_area_weights_of_the_paper_written_out():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, Delaunay
 
 from core import InputError, Settings, compare_normals, estimate_normals, shapes
-from core.faces import Triangles, vertex_normals
+from core.mesh.faces import Triangles, vertex_normals
 from core.neighborhoods import unique_points
 
 TIME_SCALE = Settings(method="time_scale")

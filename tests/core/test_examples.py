@@ -9,7 +9,7 @@ import pytest
 
 import core
 
-MODULES = [f"core.{module.name}" for module in pkgutil.iter_modules(core.__path__)]
+MODULES = [module.name for module in pkgutil.walk_packages(core.__path__, "core.")]
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from core import estimate_normals
-from core.faces import face_vectors, fan_means, split_fans, unit
+from core.mesh.faces import face_vectors, fan_means, split_fans, unit
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4)]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from core import InputError, NeighborGraph, shapes
-from core.graph import NearestNeighbors, delaunay_simplices
+from core.neighbors.graph import NearestNeighbors, delaunay_simplices
 
 
 def brute_force(points, count):

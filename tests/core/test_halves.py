@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core import shapes
-from core.halves import halved, sizes_of_halves
+from core.neighbors.halves import halved, sizes_of_halves
 
 
 @given(st.integers(1, 100_000), st.integers(2, 100))

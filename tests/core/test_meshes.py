@@ -14,10 +14,10 @@ import damage
 import solids
 
 from core import InputError, Settings, estimate_normals
-from core.averages import Averages, ladder
-from core.creases import find_sharp_edges
-from core.evidence import find_bumps
-from core.faces import Triangles, corner_sums, split_fans, unit, vertex_normals
+from core.mesh.averages import Averages, ladder
+from core.mesh.creases import find_sharp_edges
+from core.mesh.evidence import find_bumps
+from core.mesh.faces import Triangles, corner_sums, split_fans, unit, vertex_normals
 
 
 @pytest.fixture(scope="module")

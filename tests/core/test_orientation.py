@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from core import InputError, Settings, estimate_normals, orient_normals, shapes
-from core.faces import face_vectors
+from core.mesh.faces import face_vectors
 
 
 def scrambled(normals, seed=0):

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core import TimeScale
-from core.chart import principal_axes
-from core.patch import (
+from core.patches.chart import principal_axes
+from core.patches.patch import (
     BIQUADRATIC,
     CUBIC,
     _normal_equations,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from core import shapes
-from core.pieces import connected_pieces
+from core.orient.pieces import connected_pieces
 
 
 def test_vertices_hang_together_along_faces():

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from core import shapes
-from core.orientation import find_orientation
-from core.poles import label_poles
-from core.sides import find_sides, measure, representatives, smooth
-from core.tree import spread_signs
+from core.orient.orientation import find_orientation
+from core.orient.poles import label_poles
+from core.orient.sides import find_sides, measure, representatives, smooth
+from core.orient.tree import spread_signs
 
 
 def scrambled(normals, seed=0):
@@ -320,6 +320,6 @@ def test_the_report_says_where_evidence_is_thin():
 
 
 def _nearest(points):
-    from core.graph import NearestNeighbors
+    from core.neighbors.graph import NearestNeighbors
 
     return NearestNeighbors(points)

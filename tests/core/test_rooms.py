@@ -18,40 +18,40 @@ CORE_ORDER = (
     "progress",
     "timescale",
     "surface",
-    "faces",
-    "creases",
-    "averages",
-    "evidence",
+    "mesh.faces",
+    "mesh.creases",
+    "mesh.averages",
+    "mesh.evidence",
     "threads",
-    "halves",
-    "blocks",
-    "graph",
-    "chart",
-    "solver",
-    "patch",
-    "asked",
-    "scale",
-    "ladder",
-    "coarse",
-    "votes",
-    "nets",
-    "blend",
-    "sheets",
-    "guides",
-    "tree",
-    "nesting",
-    "winding",
-    "poles",
-    "mending",
-    "pieces",
-    "sides",
-    "orientation",
+    "neighbors.halves",
+    "neighbors.blocks",
+    "neighbors.graph",
+    "patches.chart",
+    "patches.solver",
+    "patches.patch",
+    "patches.asked",
+    "patches.scale",
+    "auto.ladder",
+    "auto.coarse",
+    "auto.votes",
+    "auto.nets",
+    "auto.blend",
+    "patches.sheets",
+    "orient.guides",
+    "orient.tree",
+    "orient.nesting",
+    "orient.winding",
+    "orient.poles",
+    "orient.mending",
+    "orient.pieces",
+    "orient.sides",
+    "orient.orientation",
     "settings",
     "neighborhoods",
-    "fitted",
-    "clean",
-    "shaken",
-    "meshes",
+    "patches.fitted",
+    "mesh.clean",
+    "mesh.shaken",
+    "mesh.meshes",
     "fields",
     "estimate",
     "delaunay",
@@ -98,14 +98,30 @@ def sources(folder: str) -> list[Path]:
     return sorted((ROOT / folder).rglob("*.py"))
 
 
-@pytest.mark.parametrize("path", sources("core"), ids=lambda path: path.stem)
+def room(path: Path) -> str:
+    """The name of a module of core, as in CORE_ORDER: "patches.chart"."""
+    return ".".join(path.relative_to(ROOT / "core").with_suffix("").parts)
+
+
+# The folders' own __init__ files say what the folder is for and import nothing.
+ROOMS = [path for path in sources("core") if not room(path).endswith(".__init__")]
+
+
+@pytest.mark.parametrize("path", ROOMS, ids=room)
 def test_core_imports_only_earlier_rooms(path):
-    assert path.stem in CORE_ORDER, "give the new module its place in CORE_ORDER"
-    earlier = CORE_ORDER[: CORE_ORDER.index(path.stem)]
+    assert room(path) in CORE_ORDER, "give the new module its place in CORE_ORDER"
+    earlier = CORE_ORDER[: CORE_ORDER.index(room(path))]
+    folder = path.relative_to(ROOT / "core").parts[:-1]
     for level, name in imports(path):
-        assert level <= 1, f"{path.name} imports from outside core: {name}"
-        if level == 1:
-            assert name.partition(".")[0] in earlier, f"{path.name} imports {name}"
+        assert level <= len(folder) + 1, f"{room(path)} imports from outside: {name}"
+        if level:
+            parts = folder[: len(folder) + 1 - level]
+            assert ".".join((*parts, name)) in earlier, f"{room(path)} imports {name}"
+
+
+def test_folders_of_core_only_say_what_they_are_for():
+    for path in set(sources("core")) - set(ROOMS):
+        assert not list(imports(path)), f"{path} imports"
 
 
 @pytest.mark.parametrize("path", sources("core"), ids=lambda path: path.stem)

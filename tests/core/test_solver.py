@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from core.patch import BIQUADRATIC, CUBIC
-from core.solver import NormalEquations, cholesky_solve
+from core.patches.patch import BIQUADRATIC, CUBIC
+from core.patches.solver import NormalEquations, cholesky_solve
 
 
 def problem(count=20, m=6, seed=0):

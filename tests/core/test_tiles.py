@@ -13,13 +13,13 @@ import pytest
 from addon import cli, files
 from addon.files.shape import Shape
 from core import InputError, Settings, shapes
-from core.asked import Asked
-from core.blend import Noisy, blend, coarse_cloud
-from core.coarse import block_means
-from core.graph import NearestNeighbors
-from core.halves import halved
+from core.auto.blend import Noisy, blend, coarse_cloud
+from core.auto.coarse import block_means
 from core.inputs import extent_of
+from core.neighbors.graph import NearestNeighbors
+from core.neighbors.halves import halved
 from core.partition import Partition, depth_in_box
+from core.patches.asked import Asked
 from core.tiles import (
     asked_of_parts,
     facing,

@@ -12,7 +12,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import train
 import training
 
-from core.graph import NearestNeighbors
+from core.neighbors.graph import NearestNeighbors
 
 
 @pytest.mark.parametrize("seed", [0, 2, 4])

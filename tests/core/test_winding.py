@@ -6,9 +6,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from core import InputError, shapes
-from core.faces import face_vectors
-from core.nesting import depths
-from core.winding import count_inconsistent, find_flipped_faces
+from core.mesh.faces import face_vectors
+from core.orient.nesting import depths
+from core.orient.winding import count_inconsistent, find_flipped_faces
 
 
 def ball(count=300, radius=1.0, center=(0, 0, 0)):

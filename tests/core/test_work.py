@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from core import Settings, blocks, delaunay_normals, estimate_normals, shapes
-from core.blocks import Blocks
-from core.graph import NearestNeighbors
+from core import Settings, delaunay_normals, estimate_normals, shapes
+from core.neighbors import blocks
+from core.neighbors.blocks import Blocks
+from core.neighbors.graph import NearestNeighbors
 
 FIXED = Settings(method="time_scale", neighbors=16, orientation="none", threads=1)
 
