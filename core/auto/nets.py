@@ -3,7 +3,8 @@
 
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
+from importlib.resources import files
+from io import BytesIO
 
 import numpy as np
 
@@ -111,7 +112,9 @@ def aligned(candidates: FloatArray) -> FloatArray:
 @cache
 def nets() -> dict[str, Net]:
     """Return the nets that come with the package, by name."""
-    with np.load(Path(__file__).with_name("blend.npz")) as file:
+    # Wherever the package is: on another machine it comes in an archive.
+    stored = files(__package__).joinpath("blend.npz").read_bytes()
+    with np.load(BytesIO(stored)) as file:
         return {name: _net(file, name) for name in file["names"].tolist()}
 
 

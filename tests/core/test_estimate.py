@@ -139,7 +139,7 @@ def test_threads_and_chunks_do_not_matter(monkeypatch):
 def test_single_precision_costs_no_accuracy(monkeypatch):
     points, normals, _ = shapes.BUMPY.sample(30_000, 2, even=False)
     double = estimate_normals(points, settings=TIME_SCALE)
-    monkeypatch.setattr("core.patch._DOUBLE_UP_TO", 0)
+    monkeypatch.setattr("core.patches.patch._DOUBLE_UP_TO", 0)
     single = estimate_normals(points, settings=TIME_SCALE)
     a, b = (np.sqrt((angles(e, normals) ** 2).mean()) for e in (single, double))
     assert a < 1.05 * b
