@@ -42,6 +42,7 @@ def found_files(inputs: Sequence[str]) -> list[Path]:
 
 def same_file(path: str | Path) -> str:
     """Return what all spellings of a path have in common; links are others."""
+    # Path.resolve would follow links, which are files of their own here.
     return os.path.normcase(os.path.abspath(path))  # noqa: PTH100
 
 
@@ -52,6 +53,7 @@ def _expanded(text: str) -> Iterable[Path]:
     if path.is_dir():
         return _known(path.iterdir()) or [path]
     if not path.exists() and glob.has_magic(text):
+        # Path.glob knows no absolute patterns.
         return _known(map(Path, glob.iglob(text, recursive=True))) or [path]  # noqa: PTH207
     return [path]
 

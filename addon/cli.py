@@ -83,6 +83,7 @@ def _open_streams() -> None:
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
+            # Open as long as the process is.
             setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115
 
 

@@ -361,6 +361,7 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLAS
 def register() -> None:
     """Add the panels and the menu."""
     _register_classes()
+    # Menus are unknown to the stubs as classes that can be added to.
     bpy.types.VIEW3D_MT_object.append(_draw_menu)  # type: ignore[arg-type]
 
 

@@ -31,8 +31,9 @@ class TIMESCALE_OT_add_preset(AddPresetBase, Operator):
     bl_description = "Keep the settings under a name, or remove the chosen preset"
     preset_menu = "TIMESCALE_PT_presets"
     preset_subdir = _FOLDER
+    # Blender wants plain lists.
     preset_defines = [f"settings = bpy.context.scene.{PROPERTY}"]  # noqa: RUF012
-    preset_values = [  # noqa: RUF012 - Blender wants plain lists
+    preset_values = [  # noqa: RUF012
         f"settings.{name}"
         for name in EstimateOptions.__annotations__
         if name not in _LEFT_OUT
