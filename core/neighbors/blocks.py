@@ -24,9 +24,11 @@ LARGEST = 22
 # points that are searched for by themselves look at all of these.
 _BRANCH, _NEAR, _NEAR_CREASES = 16, 16, 32
 
-# Blocks of a run, which is searched in one go, for sixteen neighbors: its arrays stay
-# in the cache. With more neighbors runs are shorter.
-_RUN, _RUN_COUNT = _BRANCH**2, 16
+# Blocks of a run, which is searched in one go, for sixteen neighbors; with more
+# neighbors runs are shorter. Threads wait for each other between array operations, so
+# these are to be few and long, and short enough for the cache. Smaller clouds have
+# shorter runs: so many at least, for threads to share.
+_LEAST_RUN, _RUN, _RUN_COUNT, _SHARES = 256, 1024, 16, 8
 
 # A point that is searched for by itself is one around which points are uneven: it
 # looks through blocks of so many times the points it wants.
@@ -36,7 +38,7 @@ _SPARE = 4
 _ASKED = 5
 
 # Numbers in an array of distances at a time.
-_BATCH = 1 << 17
+_BATCH = 1 << 18
 
 # Where more than half of the points need a search of their own, blocks gain nothing.
 _USEFUL, _TRIAL = 0.5, 17
@@ -148,7 +150,12 @@ class Blocks:
 
     def runs(self, count: int) -> IntArray:
         """Return where runs for `count` neighbors begin, and n at the end."""
-        return np.append(self.starts[: -1 : _run_of(count)], self.starts[-1])
+        return np.append(self.starts[: -1 : self._run_of(count)], self.starts[-1])
+
+    def _run_of(self, count):
+        """Return how many blocks are searched in one go: all of so many parents."""
+        run = min(max(len(self.sizes) // _SHARES, _LEAST_RUN), _RUN)
+        return max(1, run * _RUN_COUNT // (_BRANCH * max(count, _RUN_COUNT))) * _BRANCH
 
     def between(self, start: int, end: int) -> IntArray | None:
         """Return the blocks of a run; None where others than whole runs are meant."""
@@ -163,10 +170,10 @@ class Blocks:
         Points that fill space, and ties between coordinates, which do not part by
         halves, leave too many to do. A single run finds out by itself.
         """
-        if len(self.sizes) <= _RUN:
+        if len(self.sizes) <= _LEAST_RUN:
             return True
         middle = len(self.sizes) // 2 // _BRANCH * _BRANCH
-        blocks = np.arange(middle, min(middle + _RUN, len(self.sizes)))
+        blocks = np.arange(middle, min(middle + _LEAST_RUN, len(self.sizes)))
         return bool(self.search(blocks, _TRIAL).certain.mean() > _USEFUL)
 
     def search(self, blocks: IntArray, count: int) -> Found:
@@ -209,7 +216,7 @@ class Blocks:
         if _ASKED * len(places) < self.sizes[blocks].sum():
             return self.search_each(places, count)
         found = Found.nothing(len(places), count)
-        step = _run_of(count)
+        step = self._run_of(count)
         by_block = np.argsort(which, kind="stable")
         cuts = np.searchsorted(which[by_block], np.arange(step, len(blocks), step))
         for at, rows in enumerate(np.split(by_block, cuts)):
@@ -375,11 +382,6 @@ def _numbered(numbers):
 def _children(parents, together):
     """Return the boxes below boxes, of which each has so many, (..., together)."""
     return parents[..., None] * together + np.arange(together)
-
-
-def _run_of(count):
-    """Return how many blocks are searched in one go: all of so many parents."""
-    return max(1, _RUN * _RUN_COUNT // (_BRANCH * max(count, _RUN_COUNT))) * _BRANCH
 
 
 def _touched(wanted, size):
