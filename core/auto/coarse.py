@@ -81,10 +81,10 @@ def block_means(
     """
     width = width or len(points)
     most = -(-width // 2**times)
-    coordinates, order = halved(points, most, width=width)
+    order = halved(points, most, width=width)
     sizes = sizes_of_halves(len(points), most, width)[-1]
     starts = np.cumsum(sizes) - sizes
-    means = (np.add.reduceat(coordinates, starts, axis=1) / sizes).T
+    means = (np.add.reduceat(points[order].T, starts, axis=1) / sizes).T
     label = np.empty(len(points), dtype=np.int64)
     label[order] = np.repeat(np.arange(len(sizes)), sizes)
     return np.ascontiguousarray(means), label

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ..inputs import BoolArray, FloatArray, IntArray
+from ..threads import in_threads
 from .halves import halved, sizes_of_halves
 
 # Points of a block, at most; blocks are halves of halves, down to this.
@@ -118,13 +119,27 @@ class Blocks:
     ) -> None:
         self._points, self._center = points, center
         # Coordinates are not kept in order: who searches gathers those around.
-        coordinates, self.order = halved(
-            points, LARGEST, center=center, threads=threads
-        )
+        self.order = halved(points, LARGEST, center=center, threads=threads)
         self.sizes = sizes_of_halves(len(points), LARGEST)[-1]
         self.starts = np.concatenate([[0], np.cumsum(self.sizes)])
         self.least, self.most = int(self.sizes.min()), int(self.sizes.max())
-        self._boxes = _joined((coordinates, coordinates), self.starts[:-1])
+        self._boxes = self._boxes_of_blocks(threads)
+
+    def _boxes_of_blocks(self, threads):
+        """Return the low and high corners of all blocks, 2 x (3, b)."""
+        low, high = boxes = np.empty((2, 3, len(self.sizes)))
+
+        def work(first):
+            last = min(first + _RUN, len(self.sizes))
+            start, end = self.starts[[first, last]]
+            coordinates = self.at(np.arange(start, end))
+            low[:, first:last], high[:, first:last] = _joined(
+                (coordinates, coordinates), self.starts[first:last] - start
+            )
+
+        for _ in in_threads(work, range(0, len(self.sizes), _RUN), threads):
+            pass
+        return boxes
 
     @cached_property
     def _near(self):

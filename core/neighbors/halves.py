@@ -4,12 +4,15 @@
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ..inputs import FloatArray, IntArray
+from ..inputs import FloatArray, IntArray, extent_of
 from ..threads import in_threads
 
-# Boxes of so many points are halved to the end in one go: their arrays stay in the
-# cache, and threads have something to share.
-_TOGETHER = 1 << 15
+# Boxes of so many points are halved to the end in one go: threads wait for each other
+# between array operations, so these are to be few and long.
+_TOGETHER = 1 << 17
+
+# Points of a large box whose coordinates are gathered at a time.
+_PART = 1 << 16
 
 # Beyond all coordinates, as bits.
 _MISSING = np.iinfo(np.int64).max
@@ -43,7 +46,7 @@ def halved(
     center: FloatArray | None = None,
     threads: int | None = None,
     width: int | None = None,
-) -> tuple[FloatArray, IntArray]:
+) -> IntArray:
     """Sort points so that halves of halves, and so on, are boxes of their own.
 
     Parameters
@@ -58,75 +61,95 @@ def halved(
 
     Returns
     -------
-    coordinates : (3, n) float64
-        The points in that order, each axis on its own.
-    order : (n,) int32
-        Which points they are.
+    (n,) int32
+        Which point stands where.
 
     Notes
     -----
     Each box is cut across its longest side. The place of a point stands in the last
-    bits of its coordinate while these are parted, as plain numbers.
+    bits of its coordinate while these are parted, as plain numbers. Coordinates are
+    gathered anew for every level of large boxes: those of all are never in memory.
     """
-    coordinates = np.empty(points.shape[::-1])
-    np.subtract(points.T, 0 if center is None else center[:, None], out=coordinates)
     order = np.arange(len(points), dtype=np.int32)
+    center = np.zeros(3) if center is None else center
     levels = sizes_of_halves(len(points), most, width)
     width = width or len(points)
-    start = 0
+
+    def halve(box):
+        own, below = box
+        if len(below) > 1:
+            place = _halved_to_the_end(points, center, own, below, width)
+        else:
+            place = _halved_once(points, center, own, width // 2)
+        own[:] = np.take(own, place)
+
     for level, sizes in enumerate(levels[:-1]):
         together = sizes.max() <= _TOGETHER
-        ends = np.cumsum(sizes)
-        work = []
-        for box, (start, end) in enumerate(zip(ends - sizes, ends, strict=True)):
-            # Down to the last level, or only the next one.
-            below = [
-                sizes[box << down : (box + 1) << down]
-                for down, sizes in enumerate(levels[level:-1] if together else [sizes])
-            ]
-            work.append((coordinates[:, start:end], order[start:end], below, width))
-        for _ in in_threads(_halve, work, threads):
+        # Down to the last level, or only the next one.
+        below = list(enumerate(levels[level : -1 if together else level + 1]))
+        boxes = [
+            (own, [part[box << down : (box + 1) << down] for down, part in below])
+            for box, own in enumerate(np.split(order, np.cumsum(sizes)[:-1]))
+        ]
+        for _ in in_threads(halve, boxes, threads):
             pass
         if together:
             break
         width -= width // 2
-    return coordinates, order
+    return order
 
 
-def _halve(part):
-    """Halve the boxes of a part, in place, level by level."""
-    coordinates, order, levels, width = part
-    local = coordinates
-    if len(levels) > 1:
-        # One place more, so that every box may be read as if it had the largest size.
-        local = np.zeros((3, len(order) + 1))
-        local[:, :-1] = coordinates
+def _halved_once(points, center, own, first):
+    """Return the places of the points of one box, the first so many first."""
+    parts = [own[at : at + _PART] for at in range(0, len(own), _PART)]
+    extents = [extent_of(np.take(points, part, axis=0)) for part in parts]
+    low = np.min([part.low for part in extents], axis=0) - center
+    high = np.max([part.high for part in extents], axis=0) - center
+    axis = (high - low).argmax()
+    along = np.concatenate([points[part, axis] for part in parts])
+    along -= center[axis]
+    along -= low[axis]
+    return _parted(along[None], np.array([len(own)]), first)
+
+
+def _halved_to_the_end(points, center, own, levels, width):
+    """Return the places of the points of one box, halved level by level."""
+    # One place more, so that every box may be read as if it had the largest size.
+    local = np.zeros((3, len(own) + 1))
+    there = local[:, :-1]
+    np.subtract(np.take(points, own, axis=0).T, center[:, None], out=there)
+    places = np.arange(len(own))
     for sizes in levels:
-        place = _parted(local, sizes, width // 2)
-        for row in (*local[:, : len(order)], order):
+        starts = np.cumsum(sizes) - sizes
+        low = np.minimum.reduceat(there, starts, axis=1)
+        high = np.maximum.reduceat(there, starts, axis=1)
+        axis = (high - low).argmax(axis=0)
+        along = sliding_window_view(local, sizes.max(), axis=1)[axis, starts]
+        along -= low[axis, np.arange(len(axis))][:, None]
+        place = _parted(along, sizes, width // 2)
+        for row in (*there, places):
             row[:] = np.take(row, place)
         width -= width // 2
-    if len(levels) > 1:
-        coordinates[:] = local[:, :-1]
+    return places
 
 
-def _parted(coordinates, sizes, first):
-    """Return the places of the points, box by box, the first so many of each first."""
-    width, starts = sizes.max(), np.cumsum(sizes) - sizes
-    there = coordinates[:, : starts[-1] + sizes[-1]]
-    low = np.minimum.reduceat(there, starts, axis=1)
-    high = np.maximum.reduceat(there, starts, axis=1)
-    axis = (high - low).argmax(axis=0)
-    along = sliding_window_view(coordinates, width, axis=1)[axis, starts]
+def _parted(along, sizes, first):
+    """Return the places of points, box by box, the first so many of each first.
+
+    Parameters
+    ----------
+    along : (b, w) float64, used up
+        Coordinates in each box, from zero up; one too many where a box has less.
+    sizes : (b,) int
+    """
     # From zero up floats are ordered as their bits are.
-    along -= low[axis, np.arange(len(axis))][:, None]
     key = along.view(np.int64)
-    bits = np.int64((1 << int(width - 1).bit_length()) - 1)
+    bits = np.int64((1 << int(key.shape[1] - 1).bit_length()) - 1)
     key &= ~bits
-    key |= np.arange(width)
-    key[sizes < width, -1] = _MISSING
+    key |= np.arange(key.shape[1])
+    key[sizes < key.shape[1], -1] = _MISSING
     key.partition(first, axis=-1)
-    missing = key == _MISSING if sizes.min() < width else None
+    missing = key == _MISSING if sizes.min() < key.shape[1] else None
     key &= bits
-    key += starts[:, None]
+    key += (np.cumsum(sizes) - sizes)[:, None]
     return key.ravel() if missing is None else key[~missing]

@@ -208,8 +208,11 @@ def _decided(normals, mode, directions=None):
     signs: IntArray = np.ones(len(normals), dtype=np.int8)
     if directions is not None:
         signs = agreeing(normals, directions)
-    x, y, z = normals.T != 0
-    return Orientation(signs, mode, 0, (x | y | z).astype(np.float32))
+    x, y, z = normals.T
+    known = x != 0
+    for other in (y, z):
+        known |= other != 0
+    return Orientation(signs, mode, 0, known.astype(np.float32))
 
 
 def _by_faces(points, normals, faces):

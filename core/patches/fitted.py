@@ -7,9 +7,7 @@ import numpy as np
 
 from ..inputs import BoolArray, FloatArray
 from ..threads import in_threads
-
-# The noise is the median over so many patches, or all where there are fewer.
-_NOISE_OF = 1_000_000
+from .patch import MEDIAN_OF
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,7 @@ def fit_all(source, report):
     normals, valid = np.zeros((n, 3)), np.zeros(n, dtype=bool)
     misfit, reach = (np.zeros(n, dtype=np.float32) for _ in range(2))
     noise: list[FloatArray] = []
-    every = -(-n // _NOISE_OF)
+    every = -(-n // MEDIAN_OF)
     condition = np.full(n, np.inf) if source.paper else None
 
     def work(rows):
@@ -41,7 +39,8 @@ def fit_all(source, report):
         valid[rows] = patches.valid
         misfit[rows] = patches.misfit
         reach[rows] = patches.reach
-        noise.append(patches.noise[patches.valid][::every])
+        # A copy: what is left out is not to be held.
+        noise.append(patches.noise[patches.valid][::every].copy())
         if condition is not None:
             condition[rows] = patches.condition
 

@@ -39,6 +39,9 @@ _FALL = 4.0
 # so many points leaves rounding in single precision far below the error of a patch.
 _DOUBLE_UP_TO = 50_000
 
+# Medians are taken over so many patches at most: more say the same, and take memory.
+MEDIAN_OF = 1_000_000
+
 
 def precision(count: int) -> np.dtype:
     """Return the dtype in which the neighborhoods of so many points are fitted."""

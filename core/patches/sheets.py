@@ -22,7 +22,7 @@ import numpy as np
 from ..inputs import BoolArray, FloatArray, IntArray
 from ..neighbors.graph import NearestNeighbors
 from .chart import along, tangent_axes
-from .patch import CUBIC, precision
+from .patch import CUBIC, MEDIAN_OF, precision
 from .solver import NormalEquations, differentiated
 
 QUADRATIC = CUBIC[:5]
@@ -155,7 +155,8 @@ def suspects(
         Where it is known, from more points than these.
     """
     if noise is None:
-        known = misfit[valid]
+        every = -(-len(misfit) // MEDIAN_OF)
+        known = misfit[::every][valid[::every]]
         noise = float(np.median(known, overwrite_input=True)) if len(known) else 0.0
         noise = float(_of_step(_steps(noise)))
     bar = max(_SUSPECT, _OVER_NOISE * noise)

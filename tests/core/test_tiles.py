@@ -89,7 +89,7 @@ def test_boxes_are_halves_of_halves(count):
     """Boxes hold the points, and their blocks are the blocks, of the whole cloud."""
     points = np.random.default_rng(0).normal(size=(count, 3))
     partition, rows = boxed(points, 3)
-    order = halved(points, -(-count // 8))[1]
+    order = halved(points, -(-count // 8))
     ends = np.cumsum([len(part) for part in rows])[:-1]
     for own, part in zip(rows, np.split(order, ends), strict=True):
         assert np.array_equal(own, np.sort(part))
