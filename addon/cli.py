@@ -56,7 +56,7 @@ def _run(argv: Sequence[str] | None) -> int:
         arguments = _parser().parse_args(argv)
     except SystemExit as stop:
         return int(stop.code or DONE)
-    wrong: tuple[Any, ...] = (_part("addon.batch").UsageError,)
+    wrong: tuple[Any, ...] = (_part("addon.commands.plan").UsageError,)
     if arguments.run is _run_on_files:
         wrong += (_part("core").InputError,)
     try:
@@ -64,7 +64,10 @@ def _run(argv: Sequence[str] | None) -> int:
     except wrong as error:
         _complain(error)
         return WRONG_USAGE
-    except (_part("addon.output").OutputError, _part("core").InputError) as error:
+    except (
+        _part("addon.commands.output").OutputError,
+        _part("core").InputError,
+    ) as error:
         _complain(error)
         return FAILED
     except KeyboardInterrupt:
@@ -73,7 +76,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
 
 def _complain(what: object) -> None:
-    _part("addon.progress").say(f"{NAME}: {what}", sys.stderr)
+    _part("addon.commands.progress").say(f"{NAME}: {what}", sys.stderr)
 
 
 def _open_streams() -> None:
@@ -160,7 +163,7 @@ def _add_estimate(commands: Any) -> None:
         help="let the workers of a Dask scheduler do the tiles, such as "
         "tcp://10.0.0.1:8786",
     )
-    _part("addon.options").add_settings(parser)
+    _part("addon.commands.options").add_settings(parser)
 
 
 def _add_repair(commands: Any) -> None:
@@ -172,7 +175,7 @@ def _add_repair(commands: Any) -> None:
         "and estimate the normals of the vertices.",
         example="repair model.obj -o repaired.obj",
     )
-    _part("addon.options").add_settings(parser)
+    _part("addon.commands.options").add_settings(parser)
 
 
 def _add_compare(commands: Any) -> None:
@@ -201,7 +204,7 @@ def _add_compare(commands: Any) -> None:
     parser.add_argument(
         "--fail-above",
         metavar="DEG",
-        type=_part("addon.options").degrees,
+        type=_part("addon.commands.options").degrees,
         help="exit with 3 when a normal is more degrees from the truth, or without "
         "--truth from what it is compared with",
     )
@@ -211,7 +214,7 @@ def _add_compare(commands: Any) -> None:
         help="count a normal on the wrong side as more than 90 degrees off",
     )
     parser.set_defaults(output=None, format=None, skip_existing=False)
-    _part("addon.options").add_settings(parser)
+    _part("addon.commands.options").add_settings(parser)
 
 
 def _add_on_files(
@@ -290,12 +293,12 @@ def _add_output(parser: Any) -> None:
 
 
 def _run_on_files(arguments: argparse.Namespace) -> int:
-    return _part("addon.commands").run(arguments, NAME)
+    return _part("addon.commands.run").run(arguments, NAME)
 
 
 def _work() -> int:
     """Be a worker of another run: see `workers`."""
-    _part("addon.workers").serve(sys.stdin.buffer, sys.stdout.buffer)
+    _part("addon.commands.workers").serve(sys.stdin.buffer, sys.stdout.buffer)
     return DONE
 
 
@@ -323,16 +326,16 @@ def _add_reproduce(commands: Any) -> None:
 
 
 def _reproduce(arguments: argparse.Namespace) -> int:
-    reproduction = _part("addon.reproduction")
-    figures = _part("addon.figures") if find_spec("bpy") else None
+    reproduction = _part("addon.paper.reproduction")
+    figures = _part("addon.paper.figures") if find_spec("bpy") else None
     show = _progress_line(quiet=arguments.quiet)
-    with _part("addon.output").staged(
+    with _part("addon.commands.output").staged(
         arguments.folder, reproduction.FILES, overwrite=arguments.overwrite
     ) as stage:
         results = reproduction.run(range(arguments.seeds), progress=show)
         reproduction.write(results, stage)
         if figures is not None:
-            with _part("addon.output").silence():
+            with _part("addon.commands.output").silence():
                 figures.draw(stage, results["convergence"], progress=show)
     show(1.0, "")
     if not arguments.quiet:
@@ -340,7 +343,9 @@ def _reproduce(arguments: argparse.Namespace) -> int:
         if figures is None:
             made = "all numbers and tables. Figures need Blender, or a Python with bpy."
         table = reproduction.wins_table(results)
-        _part("addon.progress").say(f"{table}\n\nMade {arguments.folder}: {made}")
+        _part("addon.commands.progress").say(
+            f"{table}\n\nMade {arguments.folder}: {made}"
+        )
     return DONE
 
 
@@ -392,7 +397,7 @@ def _progress_line(*, quiet: bool) -> Callable[[float, str], None]:
     def show(share: float, what: str) -> None:
         line = f"{share:4.0%}  {what}" if share < 1 else ""
         # Blender's own standard error may be something else than a terminal.
-        _part("addon.progress").put(f"\r{line:60}\r", sys.stderr)
+        _part("addon.commands.progress").put(f"\r{line:60}\r", sys.stderr)
 
     def hide(_share: float, _what: str) -> None:
         pass

@@ -8,12 +8,21 @@ from typing import Any
 import bpy
 from bpy.types import Context, Menu, Panel
 
-from . import bridge, dress, picking, presets, run
-from .choices import measure_label
-from .layouts import Layout, draw_colors, draw_compare, draw_details, draw_estimate
-from .operators import CLASSES as OPERATORS
-from .samples import TRUTH
-from .settings import fill, settings_of
+from . import bridge
+from .display import dress, picking
+from .operators import run
+from .operators.estimate import CLASSES as OPERATORS
+from .operators.samples import TRUTH
+from .settings import presets
+from .settings.choices import measure_label
+from .settings.layouts import (
+    Layout,
+    draw_colors,
+    draw_compare,
+    draw_details,
+    draw_estimate,
+)
+from .settings.scene import fill, settings_of
 
 ESTIMATE, COMPARE, CLEAR = (operator.bl_idname for operator in OPERATORS)
 REORIENT = "timescale.reorient_normals"

@@ -239,7 +239,7 @@ def print_table(rows: list[tuple[str, ...]]) -> None:
 
 def draw(obj: bpy.types.Object, path: Path) -> None:
     """Render the errors of both methods, or both normals and how far apart they are."""
-    picture, found = part("addon.picture"), summary(obj)
+    picture, found = part("addon.display.picture"), summary(obj)
     if has_truth(obj):
         what = "Error: largest coordinate of the difference from the true normal"
         panels = [
@@ -273,7 +273,7 @@ def decades(obj: bpy.types.Object) -> tuple[float, float]:
 
 def save(objects: list[bpy.types.Object], path: Path) -> None:
     """Save the objects side by side, colored by the error of the estimate."""
-    picture = part("addon.picture")
+    picture = part("addon.display.picture")
     for index, obj in enumerate(objects):
         # Each two units wide, with the middle of its box on the grid.
         obj.scale *= 2 / max(obj.dimensions)

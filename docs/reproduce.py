@@ -35,7 +35,7 @@ def refresh(page: str, sections: dict[str, str]) -> str:
 
 def update(folder: Path) -> None:
     """Bring the documentation up to date with the results in a folder."""
-    reproduction = demo.part("addon.reproduction")
+    reproduction = demo.part("addon.paper.reproduction")
     results = json.loads((folder / "results.json").read_text("utf-8"))
     page = DOCS / "results.md"
     sections = reproduction.sections(results)

@@ -183,7 +183,7 @@ def test_normals_of_a_million_points_are_a_drawn_share(window, picture):
     picture()
     drawn = """
 import sys
-overlay = sys.modules["bl_ext.user_default.timescale_normals.addon.overlay"]
+overlay = sys.modules["bl_ext.user_default.timescale_normals.addon.display.overlay"]
 kept = [found[2] for key, found in overlay._kept._found.items() if key[0] == "lines"]
 lines = overlay.lines_of(bpy.context.object, share=1.0, length=1.0, baseline=False)
 result = [len(kept), len(lines.estimate) // 2]
@@ -406,7 +406,7 @@ settings.show_normals = settings.show_baseline = True
     picture()
     kept = """
 import sys
-overlay = sys.modules["bl_ext.user_default.timescale_normals.addon.overlay"]
+overlay = sys.modules["bl_ext.user_default.timescale_normals.addon.display.overlay"]
 result = len([key for key in overlay._kept._found if key[0] == "lines"])
 """
     assert window.ask(kept) == 1

@@ -67,7 +67,7 @@ def points_alone():
 
 def measured(storage):
     """Return CPU seconds of the way in, of the estimate and of the way out."""
-    jobs = importlib.import_module(f"{MODULE}.addon.jobs")
+    jobs = importlib.import_module(f"{MODULE}.addon.operators.jobs")
     options = bpy.context.scene.timescale_normals
     options.storage = storage
     [job] = jobs.jobs_of(bpy.context)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import scenes
 from bl_ext.user_default.timescale_normals import core
-from bl_ext.user_default.timescale_normals.addon import bridge, coloring, overlay
-from bl_ext.user_default.timescale_normals.addon.legend import legend_of
-from bl_ext.user_default.timescale_normals.addon.lines import MOST, lines_of
+from bl_ext.user_default.timescale_normals.addon import bridge
+from bl_ext.user_default.timescale_normals.addon.display import coloring, overlay
+from bl_ext.user_default.timescale_normals.addon.display.legend import legend_of
+from bl_ext.user_default.timescale_normals.addon.display.lines import MOST, lines_of
 from bl_ext.user_default.timescale_normals.core.colormaps import COLORMAPS, map_colors
 from mathutils import Color
 

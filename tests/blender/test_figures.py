@@ -7,7 +7,8 @@ import struct
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.timescale_normals.addon import cli, figures, reproduction
+from bl_ext.user_default.timescale_normals.addon import cli
+from bl_ext.user_default.timescale_normals.addon.paper import figures, reproduction
 
 KINDS = ("scenes", "objects", "meshes", "curves", "cameras", "worlds", "materials")
 KINDS += ("node_groups", "fonts")

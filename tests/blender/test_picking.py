@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 import scenes
-from bl_ext.user_default.timescale_normals.addon import picking
+from bl_ext.user_default.timescale_normals.addon.display import picking
 
 pick = bpy.ops.timescale.pick_point
 

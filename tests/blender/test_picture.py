@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scenes
 from bl_ext.user_default.timescale_normals import core
-from bl_ext.user_default.timescale_normals.addon import picture
+from bl_ext.user_default.timescale_normals.addon.display import picture
 
 SCALE = picture.Scale(0.001, 1.0, "Error")
 VALUES = {"zero": 0.0, "low": 1e-3, "middle": 10**-1.5, "high": 5.0, "absent": math.nan}

@@ -7,7 +7,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.timescale_normals.addon import cli, files, scenes
+from bl_ext.user_default.timescale_normals.addon import cli, files
+from bl_ext.user_default.timescale_normals.addon.commands import scenes
 from bl_ext.user_default.timescale_normals.addon.files.shape import Shape
 from bl_ext.user_default.timescale_normals.core import shapes
 

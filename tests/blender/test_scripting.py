@@ -9,7 +9,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from bl_ext.user_default.timescale_normals.addon import cli, scenes
+from bl_ext.user_default.timescale_normals.addon import cli
+from bl_ext.user_default.timescale_normals.addon.commands import scenes
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "scripting.md"
 TEXT = PAGE.read_text("utf-8")

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import scenes
 from bl_ext.user_default.timescale_normals import addon, core
-from bl_ext.user_default.timescale_normals.addon import missing, panel, settings
-from bl_ext.user_default.timescale_normals.addon.properties import to_core
+from bl_ext.user_default.timescale_normals.addon import missing, panel
+from bl_ext.user_default.timescale_normals.addon.settings import scene
+from bl_ext.user_default.timescale_normals.addon.settings.properties import to_core
 
 FIELDS = {field.name: field for field in dataclasses.fields(core.Settings)}
 OPERATORS = ["estimate_normals", "compare_delaunay", "clear_results"]
@@ -53,7 +54,7 @@ def button():
     made = bpy.context.window_manager.operator_properties_last(
         "timescale.compare_delaunay"
     )
-    settings.fill(made, bpy.context)
+    scene.fill(made, bpy.context)
     return made
 
 

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 import scenes
 from bl_ext.user_default.timescale_normals import core
-from bl_ext.user_default.timescale_normals.addon import patch_view, presets, report
+from bl_ext.user_default.timescale_normals.addon.display import patch_view
+from bl_ext.user_default.timescale_normals.addon.operators import report
+from bl_ext.user_default.timescale_normals.addon.settings import presets
 
 # Samples
 

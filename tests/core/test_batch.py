@@ -17,7 +17,7 @@ from addon.files.shape import Polygons, Shape
 from core import shapes
 
 ROOT = Path(__file__).resolve().parents[2]
-WORK = cli._part("addon.work")
+WORK = cli._part("addon.commands.work")
 
 
 def save_sphere(path: Path, count: int = 300, seed: int = 0) -> None:
@@ -327,12 +327,12 @@ def test_asked_to_end_it_cleans_up(tmp_path):
 def test_a_worker_that_dies_takes_only_its_own_file(
     scans, tmp_path, capsys, monkeypatch
 ):
-    workers = cli._part("addon.workers")
+    workers = cli._part("addon.commands.workers")
     # A worker that dies at the sight of one file.
     code = (
         f"import os, sys; sys.path.insert(0, {str(ROOT)!r})\n"
         "from addon import cli\n"
-        "work = cli._part('addon.workers'); attempt = work.attempt\n"
+        "work = cli._part('addon.commands.workers'); attempt = work.attempt\n"
         "work.attempt = lambda task, show: (\n"
         "    os._exit(9) if 'scan1' in task.source else attempt(task, show))\n"
         "cli.main(['worker'])\n"
@@ -348,7 +348,7 @@ def test_a_worker_that_dies_takes_only_its_own_file(
 def test_a_terminal_gets_a_bar_and_a_log_gets_lines():
     import io
 
-    progress = cli._part("addon.progress")
+    progress = cli._part("addon.commands.progress")
 
     class Terminal(io.StringIO):
         def isatty(self) -> bool:

@@ -120,7 +120,7 @@ def test_only_whole_files_are_left(folder):
 
 
 def test_without_blender_it_says_what_is_missing(capsys, tmp_path, monkeypatch):
-    reproduction = cli._part("addon.reproduction")
+    reproduction = cli._part("addon.paper.reproduction")
     monkeypatch.setattr(reproduction, "run", lambda *_args, **_options: None)
     monkeypatch.setattr(reproduction, "write", lambda *_args: None)
     monkeypatch.setattr(reproduction, "wins_table", lambda _results: "| table |")
@@ -133,7 +133,7 @@ def test_without_blender_it_says_what_is_missing(capsys, tmp_path, monkeypatch):
 
 
 def test_a_terminal_without_greek_letters():
-    code = "from addon.progress import say; say('φ1 – 12 %')"
+    code = "from addon.commands.progress import say; say('φ1 – 12 %')"
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     command = [sys.executable, "-c", code]
     ran = subprocess.run(
@@ -144,7 +144,7 @@ def test_a_terminal_without_greek_letters():
 
 @pytest.mark.parametrize("name", ["results.json", "results.md", FIGURE])
 def test_files_are_replaced_only_when_told(name, capsys, tmp_path, monkeypatch):
-    reproduction = cli._part("addon.reproduction")
+    reproduction = cli._part("addon.paper.reproduction")
 
     def write(_results, stage):
         (stage / name).write_text("new", "utf-8")
@@ -167,7 +167,7 @@ def test_files_are_replaced_only_when_told(name, capsys, tmp_path, monkeypatch):
 
 
 def test_what_fails_halfway_leaves_nothing(tmp_path, monkeypatch):
-    reproduction = cli._part("addon.reproduction")
+    reproduction = cli._part("addon.paper.reproduction")
 
     def write(_results, stage):
         (stage / "results.json").write_text("half", "utf-8")

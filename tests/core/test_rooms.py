@@ -4,6 +4,7 @@
 import ast
 import sys
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 
 import pytest
@@ -64,34 +65,104 @@ CORE_ORDER = (
     "tiles",
     "__init__",
 )
-# And so in the bridge, whose door is `__init__`.
-BRIDGE_ORDER = (
-    "arrays",
-    "custom_normals",
-    "polygons",
-    "geometry",
-    "objects",
-    "shapes",
-    "selections",
-    "results",
-    "normals",
-    "beside",
-    "making",
+# And so in addon, folder by folder.
+ADDON_ORDER = (
+    "bridge.arrays",
+    "bridge.custom_normals",
+    "bridge.polygons",
+    "bridge.geometry",
+    "bridge.objects",
+    "bridge.shapes",
+    "bridge.selections",
+    "bridge.results",
+    "bridge.normals",
+    "bridge.beside",
+    "bridge.making",
+    "bridge",
+    "files.shape",
+    "files.libraries",
+    "files.arrays",
+    "files.obj",
+    "files.off",
+    "files.pcd",
+    "files.ply",
+    "files.stl",
+    "files.text",
+    "files.laz",
+    "files.las",
+    "files.streams",
+    "files",
+    "settings.choices",
+    "settings.properties",
+    "settings.scene",
+    "settings.layouts",
+    "settings.presets",
+    "display.views",
+    "display.picture",
+    "display.coloring",
+    "display.dress",
+    "display.lines",
+    "display.legend",
+    "display.pointing",
+    "display.picking",
+    "display.patch_view",
+    "display.overlay",
+    "operators.jobs",
+    "operators.run",
+    "operators.estimate",
+    "operators.sides",
+    "operators.repair",
+    "operators.samples",
+    "operators.report",
+    "commands.versions",
+    "commands.options",
+    "commands.output",
+    "commands.progress",
+    "commands.snapshot",
+    "commands.plan",
+    "commands.cluster",
+    "commands.large",
+    "commands.scenes",
+    "commands.work",
+    "commands.workers",
+    "commands.run",
+    "paper.reproduction",
+    "paper.plots",
+    "paper.figures",
+    "missing",
+    "panel",
+    "cli",
     "__init__",
 )
 # What reads and writes Blender's data by the array.
 MEMORY = {"foreach_get", "foreach_set", "attributes"}
 
 
+# New data is made by a part of the bridge of its own.
+SIDE_DOORS = {"addon.bridge.making"}
+# Folders of addon with an `__init__` that others import; the rest only say what they
+# are for, as all folders of core do.
+DOORS = {"bridge", "files"}
+
+
 def imports(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield (level, dotted name) of every import; `from . import a` gives (1, "a")."""
+    """Yield level and full name of every module imported: (1, "core.surface")."""
+    here = path.relative_to(ROOT).parts
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Import):
             yield from ((0, alias.name) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.level, node.module
         elif isinstance(node, ast.ImportFrom):
-            yield from ((node.level, alias.name) for alias in node.names)
+            base = here[: len(here) - node.level] if node.level else ()
+            base += (node.module,) if node.module else ()
+            for alias in node.names:
+                yield node.level, module_of(".".join(base), alias.name)
+
+
+def module_of(base: str, name: str) -> str:
+    """Return the module that `from base import name` imports."""
+    found = ROOT.joinpath(*base.split("."), name)
+    inside = found.is_dir() or found.with_suffix(".py").is_file()
+    return f"{base}.{name}".strip(".") if inside else base
 
 
 def sources(folder: str) -> list[Path]:
@@ -99,73 +170,81 @@ def sources(folder: str) -> list[Path]:
 
 
 def room(path: Path) -> str:
-    """The name of a module of core, as in CORE_ORDER: "patches.chart"."""
-    return ".".join(path.relative_to(ROOT / "core").with_suffix("").parts)
+    """The name of a module as in the orders: "patches.chart", "bridge"."""
+    *folders, name = path.relative_to(ROOT).with_suffix("").parts[1:]
+    return ".".join(folders if folders and name == "__init__" else [*folders, name])
 
 
-# The folders' own __init__ files say what the folder is for and import nothing.
-ROOMS = [path for path in sources("core") if not room(path).endswith(".__init__")]
+def says_only_what_it_is_for(path: Path) -> bool:
+    return path.name == "__init__.py" and room(path) not in {"__init__", *DOORS}
 
 
-@pytest.mark.parametrize("path", ROOMS, ids=room)
-def test_core_imports_only_earlier_rooms(path):
-    assert room(path) in CORE_ORDER, "give the new module its place in CORE_ORDER"
-    earlier = CORE_ORDER[: CORE_ORDER.index(room(path))]
-    folder = path.relative_to(ROOT / "core").parts[:-1]
-    for level, name in imports(path):
-        assert level <= len(folder) + 1, f"{room(path)} imports from outside: {name}"
-        if level:
-            parts = folder[: len(folder) + 1 - level]
-            assert ".".join((*parts, name)) in earlier, f"{room(path)} imports {name}"
+def rooms(house: str) -> list[Path]:
+    return [path for path in sources(house) if not says_only_what_it_is_for(path)]
 
 
-def test_folders_of_core_only_say_what_they_are_for():
-    for path in set(sources("core")) - set(ROOMS):
+@pytest.mark.parametrize(
+    ("path", "order"),
+    [(path, CORE_ORDER) for path in rooms("core")]
+    + [(path, ADDON_ORDER) for path in rooms("addon")],
+    ids=lambda value: room(value) if isinstance(value, Path) else "",
+)
+def test_only_earlier_rooms_are_imported(path, order):
+    assert room(path) in order, "give the new module its place in the order"
+    house = path.relative_to(ROOT).parts[0]
+    earlier = {f"{house}.{name}" for name in order[: order.index(room(path))]}
+    inside = {name for _, name in imports(path) if name.split(".")[0] == house}
+    assert inside <= earlier, inside - earlier
+
+
+def test_orders_name_only_what_is_there():
+    assert {room(path) for path in rooms("core")} == set(CORE_ORDER)
+    assert {room(path) for path in rooms("addon")} == set(ADDON_ORDER)
+
+
+def test_folders_of_addon_are_layers():
+    """Each stands whole before the next, so that imports go one way between them."""
+    folders = [name.partition(".")[0] for name in ADDON_ORDER]
+    assert [folder for folder, _ in groupby(folders)] == list(dict.fromkeys(folders))
+
+
+@pytest.mark.parametrize("house", ["core", "addon"])
+def test_other_folders_only_say_what_they_are_for(house):
+    for path in set(sources(house)) - set(rooms(house)):
         assert not list(imports(path)), f"{path} imports"
 
 
-@pytest.mark.parametrize("path", sources("core"), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sources("core"), ids=room)
 def test_core_needs_numpy_scipy_and_the_standard_library_only(path):
     allowed = {"numpy", "scipy", *sys.stdlib_module_names}
-    roots = {name.partition(".")[0] for level, name in imports(path) if level == 0}
-    assert roots <= allowed
+    for level, name in imports(path):
+        root = name.partition(".")[0]
+        assert root in ({"core"} if level else allowed), f"imports {name}"
 
 
-@pytest.mark.parametrize("path", sources("addon"), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sources("addon"), ids=room)
 def test_addon_reaches_core_by_relative_imports(path):
     allowed = {"numpy", *BLENDER, *sys.stdlib_module_names}
-    roots = {name.partition(".")[0] for level, name in imports(path) if level == 0}
-    assert roots <= allowed, "core and addon are imported relatively"
-    # From a folder inside `addon` the way out is one step longer.
-    out = len(path.relative_to(ROOT / "addon").parts) + 1
-    outside = {name.partition(".")[0] for level, name in imports(path) if level >= out}
-    assert outside <= {"core"}
+    for level, name in imports(path):
+        root = name.partition(".")[0]
+        assert root in ({"core", "addon"} if level else allowed), f"imports {name}"
 
 
 def test_blender_is_out_of_reach_of_core_and_the_entry_point():
     for path in (*sources("core"), ROOT / "__init__.py"):
-        roots = {name.partition(".")[0] for level, name in imports(path) if level == 0}
+        roots = {name.partition(".")[0] for _, name in imports(path)}
         assert not roots & BLENDER, f"{path.name} imports {roots & BLENDER}"
-
-
-@pytest.mark.parametrize("path", sources("addon/bridge"), ids=lambda path: path.stem)
-def test_bridge_imports_only_its_earlier_rooms_and_the_core(path):
-    assert path.stem in BRIDGE_ORDER, "give the new module its place in BRIDGE_ORDER"
-    earlier = BRIDGE_ORDER[: BRIDGE_ORDER.index(path.stem)]
-    for level, name in imports(path):
-        assert level != 2, f"{path.name} imports {name}, which is on this side"
-        if level == 1:
-            assert name.partition(".")[0] in earlier, f"{path.name} imports {name}"
 
 
 @pytest.mark.parametrize(
     "path",
     [path for path in sources("addon") if path.parent.name != "bridge"],
-    ids=lambda path: path.stem,
+    ids=room,
 )
 def test_blenders_memory_is_reached_by_the_bridge_alone(path):
-    for level, name in imports(path):
-        assert level == 0 or not name.startswith("bridge."), f"{name}: use the door"
+    for _, name in imports(path):
+        inside = name.startswith("addon.bridge.") and name not in SIDE_DOORS
+        assert not inside, f"{name}: use the door"
     touched = {
         node.attr
         for node in ast.walk(ast.parse(path.read_text("utf-8")))

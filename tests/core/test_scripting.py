@@ -70,4 +70,4 @@ def test_the_page_names_every_format_and_key():
         said = suffix if kind.needs_blender else kind.name
         named = said in PAGE or suffix[1:].upper() in PAGE or suffix.startswith(".usd")
         assert named, suffix
-    assert cli._part("addon.commands").SCHEMA in PAGE
+    assert cli._part("addon.commands.run").SCHEMA in PAGE
