@@ -49,14 +49,14 @@ _TOLERANCE = 0.02
 # may be a facet below the sampling.
 _HOPELESS, _AGREEING = 0.06, 12.0
 
-# Starts that are followed to the end, of those tried.
-_KEPT = 2
+# Starts that are followed, of those tried: three for one step do as well as two that
+# are followed to the end, for less.
+_KEPT = 3
 _NEAREST_FOR_PLANES, _MIRRORED = 4, 6
 
 # Rounds of the second stage; in the last the consensus itself is cubic.
 _ROUNDS = 3
 STAGES = 1 + _ROUNDS
-_REWEIGHTINGS = 3
 
 # How many agreeing candidates the patches of each stage reach to: fewer equations are
 # needed once the neighbors' slopes add two each.
@@ -244,7 +244,7 @@ def separate(
             found = normals[own]
             if accepted.any():
                 around, best = around.only(accepted), best.only(accepted)
-                patch = _patch_of_agreeing(around, best, _REACH[stage], tolerance / 2)
+                patch = _patch_of_agreeing(around, best, _REACH[stage])
                 found[accepted] = patch.T
             after[part][active] = found
 
@@ -299,14 +299,13 @@ def _best_consensus(around, starts, own, tolerance, terms):
     own : (3, m) or None
         A normal that is followed anyway.
     """
-    tries = 1
     if starts is None:
-        starts, tries = around.mirrored[:, :_MIRRORED], 0
-    tried = _consent(around, starts, tolerance, tries, QUADRATIC)
+        starts = around.mirrored[:, :_MIRRORED]
+    tried = _consent(around, starts, tolerance, 0, QUADRATIC)
     kept = _shortlist(starts, tried.score, _KEPT - (own is not None))
     if own is not None:
         kept = np.concatenate([own[:, None], kept], axis=1)
-    return _best_of(_consent(around, kept, tolerance, _REWEIGHTINGS, terms))
+    return _best_of(_consent(around, kept, tolerance, 1, terms))
 
 
 def _consent(around, starts, tolerance, rounds, terms):
@@ -346,16 +345,16 @@ def _reweighted(around, normals, tolerance, rounds, terms):
     scale = _spread(around.distance, around.nearness)
     for step in range(rounds + 1):
         weights += _LEAST_WEIGHT
-        normals, square = _fit(
+        normals, residuals = _fit(
             around,
             normals,
             weights,
             scale,
-            tolerance,
             terms=terms,
             ridge=_RIDGE_CHOOSING[len(terms)],
             share=_SLOPES_CHOOSING,
         )
+        square = residuals(tolerance)
         consent = 1 / (1 + square)
         if step < rounds:
             weights = around.nearness * consent
@@ -376,35 +375,31 @@ def _starting_weights(around, plane):
     return around.nearness * np.exp(-((off / 0.5) ** 2) - (unlike / 0.15) ** 2)
 
 
-def _patch_of_agreeing(around, consensus, reach, tolerance):
+def _patch_of_agreeing(around, consensus, reach):
     """Return the normals of cubic patches over the candidates that agree, (3, m).
 
     The patch reaches to the `reach`-th of them.
     """
-    normals, consent = consensus.normals, consensus.consent
-    for _ in range(_REWEIGHTINGS):
-        agreeing = np.cumsum(consent > 0.25, axis=0)
-        at = np.where(
-            agreeing[-1] >= reach, (agreeing >= reach).argmax(axis=0), len(agreeing) - 1
-        )
-        farthest = np.take_along_axis(around.distance, at[None], axis=0)
-        weights = np.exp(-((2 * around.distance / farthest) ** 2)) * consent
-        weights += _LEAST_WEIGHT
-        normals, square = _fit(
-            around,
-            normals,
-            weights,
-            _spread(around.distance, weights),
-            tolerance,
-            terms=CUBIC,
-            ridge=_RIDGE_FITTING,
-            share=_SLOPES_FITTING,
-        )
-        consent = 1 / (1 + square)
-    return normals
+    agreeing = np.cumsum(consensus.consent > 0.25, axis=0)
+    at = np.where(
+        agreeing[-1] >= reach, (agreeing >= reach).argmax(axis=0), len(agreeing) - 1
+    )
+    farthest = np.take_along_axis(around.distance, at[None], axis=0)
+    weights = np.exp(-((2 * around.distance / farthest) ** 2))
+    weights *= consensus.consent
+    weights += _LEAST_WEIGHT
+    return _fit(
+        around,
+        consensus.normals,
+        weights,
+        _spread(around.distance, weights),
+        terms=CUBIC,
+        ridge=_RIDGE_FITTING,
+        share=_SLOPES_FITTING,
+    )[0]
 
 
-def _fit(around, normals, weights, scale, tolerance, *, terms, ridge, share):
+def _fit(around, normals, weights, scale, *, terms, ridge, share):
     """Fit patches to heights, and to slopes where neighbors' normals are given.
 
     Parameters
@@ -414,15 +409,13 @@ def _fit(around, normals, weights, scale, tolerance, *, terms, ridge, share):
     weights : (k, m)
     scale : (m,)
         The unit of length.
-    tolerance : float
-        Residuals that agree.
     share : float
         What slopes weigh.
 
     Returns
     -------
     normals : (3, m)
-    square : (k, m)
+    residuals : callable (tolerance) -> (k, m)
         Squared residuals in units of what agrees.
     """
     u, v = tangent_axes(normals)
@@ -438,19 +431,23 @@ def _fit(around, normals, weights, scale, tolerance, *, terms, ridge, share):
     for row, (i, j) in enumerate(terms):
         equations.matrix[row, row] += total / comb(i + j, i)
     coefficients = equations.solve()
-    z -= _derivative(x, y, terms, coefficients, (0, 0))
-    z *= scale / tolerance
-    z /= around.distance
-    square = np.square(z, out=z)
-    if slopes is not None:
-        dx -= _derivative(x, y, terms, coefficients, (1, 0))
-        dy -= _derivative(x, y, terms, coefficients, (0, 1))
-        slope = (dx * dx + dy * dy) * upright**2
-        # A normal that lies in the chart's plane has no slope, and agrees with none.
-        slope[upright <= _FLAT] = 1.0
-        slope *= 1 / (_SLOPE_TOLERANCE * tolerance) ** 2
-        square += slope
-    return _unit(normals - coefficients[0] * u - coefficients[1] * v), square
+
+    def residuals(tolerance):
+        height = z - _derivative(x, y, terms, coefficients, (0, 0))
+        height *= scale / tolerance
+        height /= around.distance
+        square = np.square(height, out=height)
+        if slopes is not None:
+            a = dx - _derivative(x, y, terms, coefficients, (1, 0))
+            b = dy - _derivative(x, y, terms, coefficients, (0, 1))
+            slope = (a * a + b * b) * upright**2
+            # A normal in the chart's plane has no slope, and agrees with none.
+            slope[upright <= _FLAT] = 1.0
+            slope *= 1 / (_SLOPE_TOLERANCE * tolerance) ** 2
+            square += slope
+        return square
+
+    return _unit(normals - coefficients[0] * u - coefficients[1] * v), residuals
 
 
 # Cosine between a neighbor's normal and the chart's below which it has no slopes.
