@@ -35,14 +35,13 @@ def refresh(page: str, sections: dict[str, str]) -> str:
 
 def update(folder: Path) -> None:
     """Bring the documentation up to date with the results in a folder."""
-    reproduction = demo.part("addon.paper.reproduction")
     results = json.loads((folder / "results.json").read_text("utf-8"))
     page = DOCS / "results.md"
-    sections = reproduction.sections(results)
+    sections = demo.part("addon.paper.tables").sections(results)
     page.write_text(refresh(page.read_text("utf-8"), sections), "utf-8")
     images = DOCS / "images"
     images.mkdir(exist_ok=True)
-    for name in reproduction.FIGURES:
+    for name in demo.part("addon.paper.results").FIGURES:
         shutil.copyfile(folder / name, images / name)
 
 

@@ -3,6 +3,7 @@
 
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
@@ -62,6 +63,20 @@ class Progress:
     def _clear(self) -> None:
         if self._bar:
             put(f"\r{'':78}\r", self.stream)
+
+
+def share_line(*, quiet: bool) -> Callable[[float, str], None]:
+    """Return a function that shows the share done and what is next on a terminal."""
+
+    def show(share: float, what: str) -> None:
+        line = f"{share:4.0%}  {what}" if share < 1 else ""
+        # Blender's own standard error may be something else than a terminal.
+        put(f"\r{line:60}\r", sys.stderr)
+
+    def hide(_share: float, _what: str) -> None:
+        pass
+
+    return hide if quiet or not sys.stderr.isatty() else show
 
 
 def _on_one_line(text: str) -> str:

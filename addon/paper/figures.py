@@ -26,7 +26,7 @@ from ..display import picture
 from ..display.picture import Panel
 from . import plots
 from .plots import FAINT, ORANGE, TEAL, Array, Color
-from .reproduction import FIGURES
+from .results import FIGURES
 
 View = tuple[float, float]
 

@@ -8,7 +8,8 @@ import bpy
 import numpy as np
 import pytest
 from bl_ext.user_default.timescale_normals.addon import cli
-from bl_ext.user_default.timescale_normals.addon.paper import figures, reproduction
+from bl_ext.user_default.timescale_normals.addon.paper import figures
+from bl_ext.user_default.timescale_normals.addon.paper.results import FIGURES, FILES
 
 KINDS = ("scenes", "objects", "meshes", "curves", "cameras", "worlds", "materials")
 KINDS += ("node_groups", "fonts")
@@ -56,10 +57,10 @@ def pixels(path):
 def test_results_say_which_blender(folder):
     results = json.loads((folder / "results.json").read_text("utf-8"))
     assert results["versions"]["blender"] == bpy.app.version_string
-    assert {path.name for path in folder.iterdir()} == set(reproduction.FILES)
+    assert {path.name for path in folder.iterdir()} == set(FILES)
 
 
-@pytest.mark.parametrize("name", reproduction.FIGURES)
+@pytest.mark.parametrize("name", FIGURES)
 def test_figures_are_whole_and_framed(name, folder):
     kinds, size = chunks(folder / name)
     assert size == (480, 270)

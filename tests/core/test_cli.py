@@ -14,12 +14,13 @@ from addon import cli
 
 ROOT = Path(__file__).resolve().parents[2]
 FIGURE = "figure-1-grid-surface.png"
+REPRODUCE = cli._part("addon.paper.reproduce")
 
 
 @pytest.fixture(autouse=True)
 def _without_blender(monkeypatch):
     """Figures are tests/blender's; here they would only take time."""
-    monkeypatch.setattr(cli, "find_spec", lambda _name: None)
+    monkeypatch.setattr(REPRODUCE, "find_spec", lambda _name: None)
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def folder(tmp_path_factory):
     """What `python -m addon.cli reproduce` leaves in a folder that was not there."""
     path = tmp_path_factory.mktemp("reproduce") / "new" / "results"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cli, "find_spec", lambda _name: None)
+        patch.setattr(REPRODUCE, "find_spec", lambda _name: None)
         assert cli.main(["reproduce", "--seeds", "1", "--quiet", "-o", str(path)]) == 0
     return path
 
@@ -120,10 +121,9 @@ def test_only_whole_files_are_left(folder):
 
 
 def test_without_blender_it_says_what_is_missing(capsys, tmp_path, monkeypatch):
-    reproduction = cli._part("addon.paper.reproduction")
-    monkeypatch.setattr(reproduction, "run", lambda *_args, **_options: None)
-    monkeypatch.setattr(reproduction, "write", lambda *_args: None)
-    monkeypatch.setattr(reproduction, "wins_table", lambda _results: "| table |")
+    monkeypatch.setattr(REPRODUCE.results, "run", lambda *_args, **_options: None)
+    monkeypatch.setattr(REPRODUCE.tables, "write", lambda *_args: None)
+    monkeypatch.setattr(REPRODUCE.tables, "wins_table", lambda _results: "| table |")
     assert cli.main(["reproduce", "-o", str(tmp_path / "new")]) == 0
     out, err = capsys.readouterr()
     assert "| table |" in out
@@ -144,13 +144,11 @@ def test_a_terminal_without_greek_letters():
 
 @pytest.mark.parametrize("name", ["results.json", "results.md", FIGURE])
 def test_files_are_replaced_only_when_told(name, capsys, tmp_path, monkeypatch):
-    reproduction = cli._part("addon.paper.reproduction")
-
     def write(_results, stage):
         (stage / name).write_text("new", "utf-8")
 
-    monkeypatch.setattr(reproduction, "run", lambda *_args, **_options: None)
-    monkeypatch.setattr(reproduction, "write", write)
+    monkeypatch.setattr(REPRODUCE.results, "run", lambda *_args, **_options: None)
+    monkeypatch.setattr(REPRODUCE.tables, "write", write)
     (tmp_path / name).write_text("old", "utf-8")
     (tmp_path / "other.txt").write_text("old", "utf-8")
     command = ["reproduce", "--quiet", "-o", str(tmp_path)]
@@ -167,14 +165,12 @@ def test_files_are_replaced_only_when_told(name, capsys, tmp_path, monkeypatch):
 
 
 def test_what_fails_halfway_leaves_nothing(tmp_path, monkeypatch):
-    reproduction = cli._part("addon.paper.reproduction")
-
     def write(_results, stage):
         (stage / "results.json").write_text("half", "utf-8")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(reproduction, "run", lambda *_args, **_options: None)
-    monkeypatch.setattr(reproduction, "write", write)
+    monkeypatch.setattr(REPRODUCE.results, "run", lambda *_args, **_options: None)
+    monkeypatch.setattr(REPRODUCE.tables, "write", write)
     assert cli.main(["reproduce", "--quiet", "-o", str(tmp_path)]) == 1
     assert not list(tmp_path.iterdir())
 
