@@ -4,7 +4,7 @@
 import argparse
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,10 @@ from . import plan
 from .options import given_settings
 from .output import OutputError, whole
 from .progress import Progress, say
+from .sentences import say_row
+from .task import Task
 from .versions import versions
-from .work import Task, attempt
+from .work import attempt
 from .workers import Row, run_in_processes
 
 # Changes when a reader of the report has to change.
@@ -52,7 +54,7 @@ def run(arguments: argparse.Namespace, name: str) -> int:
     rows = []
     for row in _rows(tasks, arguments, progress, name):
         rows.append(row)
-        _say(row, progress, arguments.command)
+        say_row(row, progress, arguments.command)
         progress.step()
     progress.close()
     if arguments.report is not None:
@@ -149,88 +151,6 @@ def _one_by_one(tasks: list[Task], progress: Progress) -> Iterator[Row]:
             progress.show(share, source)
 
         yield attempt(task, show)
-
-
-def _say(row: Row, progress: Progress, command: str) -> None:
-    name = row["input"]
-    if row["status"] == "failed":
-        progress.error(f"{name}: {row['error']}")
-    elif row["status"] == "skipped":
-        progress.line(f"{name}: {row['output']} is there already, skipped")
-    else:
-        progress.line(f"{name}: {_SENTENCES[command](row)} ({row['seconds']:.1f} s)")
-        for warning in row.get("warnings", ()):
-            progress.line(f"{name}: warning: {warning}")
-        if row.get("lost"):
-            lost = ", ".join(row["lost"])
-            progress.line(f"{name}: warning: {row['output']} has no place for {lost}")
-        if row.get("check", {}).get("failed"):
-            progress.error(f"{name}: {_with_names(_EXCEEDED, row['check'])}")
-
-
-_EXCEEDED = (
-    "{above:,} of {compared:,} normals are more than {limit:g} degrees from "
-    "{reference}, {max:.3g} at most"
-)
-
-# What normals are held against, as it is called in a report and in a sentence.
-_AGAINST = {
-    "delaunay": "Delaunay's",
-    "estimate": "the estimate's",
-    "truth": "the true ones",
-}
-
-
-def _estimate_sentence(row: Row) -> str:
-    said = f"{row['valid']:,} normals"
-    if row.get("cut"):
-        said += f", {row['cut']:,} from cut neighborhoods"
-    if row["invalid"]:
-        said += f", {row['invalid']:,} points without"
-    if "objects" in row:
-        return f"{said}, in {len(row['objects'])} objects"
-    said += f", {row['neighbors']} neighbors" if row["neighbors"] else ""
-    return f"{said}, oriented by {row['orientation']}"
-
-
-def _compare_sentence(row: Row) -> str:
-    if "objects" in row:
-        said = "{compared:,} normals at most {max:.3g} degrees from {reference}"
-        return f"{len(row['objects'])} objects: {_with_names(said, row['check'])}"
-    if "angle_estimate_rms" in row:
-        said = (
-            "RMS error {angle_estimate_rms:.3g} degrees, {baseline} "
-            "{angle_baseline_rms:.3g}; nearer at {wins_percent:.1f} % of {compared:,}"
-        )
-    elif row["compared"]:
-        said = (
-            "{angle_deviation_rms:.3g} degrees (RMS) from {baseline} at "
-            "{compared:,} points, {angle_deviation_max:.3g} at most"
-        )
-    else:
-        said = "no point has normals to compare"
-    return _with_names(said, row)
-
-
-def _with_names(sentence: str, facts: Row) -> str:
-    """Fill a sentence, and call what normals are held against by its name."""
-    names = {
-        key: _AGAINST[facts[key]] for key in ("baseline", "reference") if key in facts
-    }
-    return sentence.format_map(facts | names)
-
-
-def _repair_sentence(row: Row) -> str:
-    return f"{row['flipped_faces']:,} of {row['faces']:,} faces turned over, " + (
-        _estimate_sentence(row)
-    )
-
-
-_SENTENCES: dict[str, Callable[[Row], str]] = {
-    "estimate": _estimate_sentence,
-    "compare": _compare_sentence,
-    "repair": _repair_sentence,
-}
 
 
 def _check_apart(tasks: list[Task], report: str | None) -> None:

@@ -4,7 +4,6 @@
 They are opened in place of what Blender has open, and so in the background only.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,11 @@ import bpy
 
 from ... import core
 from ...core.orient.winding import find_flipped_faces
+from ...core.progress import Progress
 from .. import bridge
 from ..files.shape import FileError, Polygons, Shape
 from ..operators import jobs
 from ..operators.jobs import Job
-
-Progress = Callable[[float], object]
 
 _NOT_IN_A_WINDOW = "scenes are opened in the background only: use blender -b"
 

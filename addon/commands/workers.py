@@ -15,7 +15,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from .work import Task, attempt
+from .task import Task
+from .work import attempt
 
 Row = dict[str, Any]
 

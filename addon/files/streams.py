@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from . import arrays, las, ply
+from . import arrays, las, ply, ply_header
 from .libraries import needed
 from .shape import NORMALS, FileError, checked_count
 
@@ -103,7 +103,7 @@ class PlyStream(_Records):
 
     def __init__(self, path: Path) -> None:
         with path.open("rb") as file:
-            self.header = ply.read_header(file)
+            self.header = ply_header.read_header(file)
         if self.header.format == "ascii":
             raise FileError(
                 f"expected a binary PLY file for work in tiles, got text: {_REMEDY}"
@@ -134,7 +134,7 @@ class PlyStream(_Records):
         header = replace(self.header, elements=elements)
         wider, given = element.dtype(header.order), _Rebatched(normals)
         with path.open("wb") as out, self.path.open("rb") as file:
-            out.write(ply.header_text(header))
+            out.write(ply_header.header_text(header))
             file.seek(self.header.size)
             _copy(file, out, self.before)
             for rows in self.records():

@@ -17,7 +17,6 @@ from addon.files.shape import Polygons, Shape
 from core import shapes
 
 ROOT = Path(__file__).resolve().parents[2]
-WORK = cli._part("addon.commands.work")
 
 
 def save_sphere(path: Path, count: int = 300, seed: int = 0) -> None:

@@ -30,8 +30,8 @@ from core.tiles import (
     thinned,
 )
 
-LARGE = cli._part("addon.commands.large")
-CLUSTER = cli._part("addon.commands.cluster")
+LARGE = cli._part("addon.tiles.large")
+CLUSTER = cli._part("addon.tiles.cluster")
 # Far more than neighborhoods in single precision need, far less than a real tile.
 COUNT, FEWEST = 120_000, 70_000
 

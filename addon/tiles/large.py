@@ -12,7 +12,7 @@ Only the sample, a tile and a piece of the file are in memory at a time.
 
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +21,13 @@ import numpy as np
 from ... import core
 from ...core import tiles
 from ...core.auto.coarse import block_means
-from ...core.inputs import check_size, snapped
 from ...core.partition import Partition, depth_in_box
 from ...core.patches.sheets import NO_MATTER, noise_of_counts
+from ...core.progress import Progress
 from ..files import streams
-
-Progress = Callable[[float], object]
-Fit = Callable[[Iterator[tuple[Any, ...]]], Iterator[Any]]
+from .buckets import Bucket
+from .cluster import Fit
+from .survey import look_at
 
 # Bytes of memory: of the program itself, of what is read at a time and of the sample,
 # and for each point of a tile and its halo, well above what fifty million points took.
@@ -45,60 +45,6 @@ _GUIDES = 120_000
 
 # How often what a normal depends on is looked for farther out, twice as far each time.
 _WIDER = 6
-
-_RECORD = np.dtype([("row", "<i8"), ("point", "<f8", 3)])
-
-
-@dataclass
-class _Bucket:
-    """The points of a tile, in a file, and the box around them."""
-
-    path: Path
-    count: int
-    low: Any
-    high: Any
-
-    def add(self, rows: Any, points: Any) -> None:
-        """Append points with their places in the file."""
-        records = np.empty(len(rows), _RECORD)
-        records["row"], records["point"] = rows, points
-        with self.path.open("ab") as file:
-            records.tofile(file)
-        self.count += len(rows)
-        self.low = np.minimum(self.low, points.min(axis=0))
-        self.high = np.maximum(self.high, points.max(axis=0))
-
-    def read(self) -> tuple[Any, Any]:
-        """Return rows (n,) and points (n, 3)."""
-        if not self.count:
-            return np.empty(0, np.int64), np.empty((0, 3))
-        records = np.fromfile(self.path, _RECORD)
-        return records["row"].copy(), records["point"].copy()
-
-    def inside(self, low: Any, high: Any) -> Iterator[Any]:
-        """Yield the points in a box piece by piece."""
-        if not self.count or (self.low > high).any() or (self.high < low).any():
-            return
-        with self.path.open("rb") as file:
-            while len(records := np.fromfile(file, _RECORD, streams.ROWS)):
-                points = records["point"]
-                yield points[((points >= low) & (points <= high)).all(axis=1)]
-
-
-@dataclass(frozen=True)
-class _Survey:
-    """What a first look at all points says.
-
-    Attributes
-    ----------
-    count, finite : int
-        Points, and those whose coordinates are finite.
-    center : (3,) float64
-    """
-
-    count: int
-    finite: int
-    center: Any
 
 
 def estimate(
@@ -152,7 +98,7 @@ class _Run:
     ) -> None:
         self.stream, self.folder, self.progress = stream, folder, progress
         room = max(_SAMPLE, (memory - _BASE) // _EACH_OF_SAMPLE)
-        self.survey, sample = _look_at(stream, room)
+        self.survey, sample = look_at(stream, room)
         if self.survey.finite <= 8:
             raise core.InputError(
                 f"expected at least 9 points, got {self.survey.finite}"
@@ -175,11 +121,10 @@ class _Run:
         self.warnings: tuple[str, ...] = ()
         self.orientation = settings.orientation
 
-    def _scattered(self) -> list[_Bucket]:
+    def _scattered(self) -> list[Bucket]:
         """Write every point into the file of its tile."""
-        none = np.full(3, np.inf)
         made = [
-            _Bucket(self.folder / f"{number}.points", 0, none, -none)
+            Bucket(self.folder / f"{number}.points")
             for number in range(len(self.partition))
         ]
         start = 0
@@ -226,11 +171,10 @@ class _Run:
             )
         self.progress(0.2)
 
-    def _of_blocks(self, number: int) -> _Bucket:
+    def _of_blocks(self, number: int) -> Bucket:
         """Write the means of a tile's blocks into a file of their own."""
         bucket = self.buckets[number]
-        none = np.full(3, np.inf)
-        made = _Bucket(self.folder / f"{number}.blocks", 0, none, -none)
+        made = Bucket(self.folder / f"{number}.blocks")
         if bucket.count:
             width = self.partition.width(self.survey.finite, bucket.count)
             times = max(0, (self.plan.halvings or 0) - self.depth)
@@ -382,37 +326,6 @@ class _Run:
             "orientation": self.orientation,
             "warnings": list(self.warnings),
         }
-
-
-def _look_at(stream: streams.Stream, room: int) -> tuple[_Survey, Any]:
-    """Count the points, and take so many of them, or up to twice that; all of few.
-
-    Returns
-    -------
-    _Survey
-    sample : (s, 3) float64, less the center
-    """
-    every = max(1, stream.count // room)
-    total, low, high = np.zeros(3), np.full(3, np.inf), np.full(3, -np.inf)
-    count = finite = 0
-    sample = []
-    for chunk in stream.chunks():
-        first = -count % every
-        count += len(chunk)
-        good = np.isfinite(chunk).all(axis=1)
-        sample.append(chunk[first::every][good[first::every]])
-        points = chunk if good.all() else chunk[good]
-        finite += len(points)
-        if len(points):
-            total += points.sum(axis=0)
-            low = np.minimum(low, points.min(axis=0))
-            high = np.maximum(high, points.max(axis=0))
-    if not finite:
-        raise core.InputError("expected finite points, got none")
-    size = float((high - low).max())
-    check_size(size)
-    center = snapped(total / finite, size)
-    return _Survey(count, finite, center), np.concatenate(sample) - center
 
 
 def _nearest_part(points: Any, row: int) -> tuple[Any, float]:
