@@ -240,6 +240,7 @@ def print_table(rows: list[tuple[str, ...]]) -> None:
 def draw(obj: bpy.types.Object, path: Path) -> None:
     """Render the errors of both methods, or both normals and how far apart they are."""
     picture, found = part("addon.display.picture"), summary(obj)
+    nodes = part("addon.display.nodes")
     if has_truth(obj):
         what = "Error: largest coordinate of the difference from the true normal"
         panels = [
@@ -254,7 +255,7 @@ def draw(obj: bpy.types.Object, path: Path) -> None:
         ]
         title = f"Difference: median {found['deviation_median']:.2g}"
         panels.append(picture.Panel(obj, title, "ts_normal", "ts_error"))
-    scale = picture.Scale(*decades(obj), what)
+    scale = nodes.Scale(*decades(obj), what)
     heading = f"{obj.name}, {found['points']:,} points"
     with quiet():
         picture.render(str(path), panels, heading=heading, scale=scale)
@@ -273,14 +274,14 @@ def decades(obj: bpy.types.Object) -> tuple[float, float]:
 
 def save(objects: list[bpy.types.Object], path: Path) -> None:
     """Save the objects side by side, colored by the error of the estimate."""
-    picture = part("addon.display.picture")
+    picture, nodes = part("addon.display.picture"), part("addon.display.nodes")
     for index, obj in enumerate(objects):
         # Each two units wide, with the middle of its box on the grid.
         obj.scale *= 2 / max(obj.dimensions)
         middle = np.mean(obj.bound_box, axis=0) * obj.scale
         obj.location = (2.5 * index, 0, 0) - middle
-        scale = picture.Scale(*decades(obj), "")
-        show = picture.material(obj.name, scale, normal="ts_normal", value="ts_error")
+        scale = nodes.Scale(*decades(obj), "")
+        show = nodes.material(obj.name, scale, normal="ts_normal", value="ts_error")
         obj.data.materials.append(show)
         if obj.type == "POINTCLOUD":
             set_radius(obj, picture.point_radius(obj))

@@ -164,19 +164,10 @@ def colors_of(look: Look, values: np.ndarray) -> np.ndarray:
     )
 
 
-class TIMESCALE_OT_color_by(Operator):
-    """Other colors from the errors that are there."""
+class OnComparison(Operator):
+    """An operator on selected objects that were compared."""
 
-    bl_idname = "timescale.color_by"
-    bl_label = "Color Comparison"
-    bl_description = (
-        "Show another measure of the last comparison, another range or other colors"
-    )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender wants a plain set
-
-    measure: measure_property()
-    limit: limit_property()
-    color_map: map_property()
 
     @classmethod
     def poll(cls, context: Context) -> bool:
@@ -185,6 +176,20 @@ class TIMESCALE_OT_color_by(Operator):
             return True
         cls.poll_message_set("Compare with Delaunay first")
         return False
+
+
+class TIMESCALE_OT_color_by(OnComparison):
+    """Other colors from the errors that are there."""
+
+    bl_idname = "timescale.color_by"
+    bl_label = "Color Comparison"
+    bl_description = (
+        "Show another measure of the last comparison, another range or other colors"
+    )
+
+    measure: measure_property()
+    limit: limit_property()
+    color_map: map_property()
 
     def execute(self, context: Context) -> Returned:
         """Color every selected object that was compared."""

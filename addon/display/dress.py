@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
-from bpy.types import Context, Object, Operator
+from bpy.types import Context, Object
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
@@ -19,6 +19,7 @@ from .. import bridge
 from ..bridge import making
 from ..settings.scene import Returned, settings_of
 from . import coloring, picture, views
+from .nodes import empty_tree, geometry_tree
 
 NAME = bridge.DRESS
 
@@ -103,11 +104,7 @@ def hide_beside(obj: Object) -> None:
 def _dress(obj: Object, *, color: str = bridge.COLOR) -> None:
     if is_dressed(obj):
         return
-    tree: Any = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
-    for direction in ("INPUT", "OUTPUT"):
-        tree.interface.new_socket(
-            "Geometry", in_out=direction, socket_type="NodeSocketGeometry"
-        )
+    tree = geometry_tree(NAME)
     nodes, links = tree.nodes, tree.links
     last = nodes.new("NodeGroupInput").outputs[0]
     if bridge.is_cloud(obj):
@@ -190,12 +187,8 @@ def _material() -> bpy.types.Material:
     if found is not None:
         return found
     made = bpy.data.materials.new(NAME)
-    # 5.x makes the tree at once and 6.0 drops the switch; 4.5 needs it.
-    if bpy.app.version < (5, 0, 0):
-        made.use_nodes = True
-    tree: Any = made.node_tree
+    tree = empty_tree(made)
     nodes, links = tree.nodes, tree.links
-    nodes.clear()
     color = nodes.new("ShaderNodeAttribute")
     color.attribute_name = bridge.COLOR
     rim = nodes.new("ShaderNodeLayerWeight")
@@ -214,19 +207,7 @@ def _material() -> bpy.types.Material:
     return made
 
 
-class _OnColors(Operator):
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender wants a plain set
-
-    @classmethod
-    def poll(cls, context: Context) -> bool:
-        """Ask for colors."""
-        if any(bridge.has_comparison(obj) for obj in bridge.chosen(context)):
-            return True
-        cls.poll_message_set("Compare with Delaunay first")
-        return False
-
-
-class TIMESCALE_OT_show_colors(_OnColors):
+class TIMESCALE_OT_show_colors(coloring.OnComparison):
     """Colors in every viewport and in renders."""
 
     bl_idname = "timescale.show_colors"
@@ -242,7 +223,7 @@ class TIMESCALE_OT_show_colors(_OnColors):
         return {"FINISHED"}
 
 
-class TIMESCALE_OT_hide_colors(_OnColors):
+class TIMESCALE_OT_hide_colors(coloring.OnComparison):
     """The way back from Show Colors."""
 
     bl_idname = "timescale.hide_colors"
@@ -257,7 +238,7 @@ class TIMESCALE_OT_hide_colors(_OnColors):
         return {"FINISHED"}
 
 
-class TIMESCALE_OT_side_by_side(_OnColors):
+class TIMESCALE_OT_side_by_side(coloring.OnComparison):
     """Errors of both methods in one look."""
 
     bl_idname = "timescale.side_by_side"

@@ -17,6 +17,7 @@ from ...core import GridSurface, InputError, Settings
 from ...core.neighborhoods import neighborhoods_of_all
 from .. import bridge
 from ..bridge import making
+from ..settings.properties import patches_of
 from ..settings.scene import Returned, settings_of
 from .picking import picked_of
 
@@ -204,15 +205,7 @@ def settings_used(context: Context, obj: Object) -> Settings:
     """Return the settings of the last estimate, else those of the scene."""
     summary = bridge.read_summary(obj).get("estimate")
     if summary is None:
-        options = settings_of(context)
-        return Settings(
-            method=options.method,
-            neighbors=options.neighbors or None,
-            radius=options.radius or None,
-            graph=options.graph,
-            patch=options.patch,
-            weights=options.weights,
-        )
+        return patches_of(settings_of(context))
     names = ("method", "neighbors", "graph", "patch", "weights")
     return Settings(**{name: summary[name] for name in names})
 

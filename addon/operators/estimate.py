@@ -15,14 +15,19 @@ from ...core.progress import Progress
 from .. import bridge
 from ..display import dress
 from ..settings.layouts import draw_colors, draw_compare, draw_details, draw_estimate
-from ..settings.properties import CompareOptions, EstimateOptions, truth_of
+from ..settings.properties import (
+    CompareOptions,
+    EstimateOptions,
+    GuideObjects,
+    truth_of,
+)
 from ..settings.scene import Returned
 from . import jobs
 from .jobs import Job
 from .run import OnSelection
 
 
-class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):
+class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions, GuideObjects):
     """Custom normals and attributes from patches and their derivatives."""
 
     bl_idname = "timescale.estimate_normals"
@@ -35,14 +40,6 @@ class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):
         "active one"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender wants a plain set
-
-    viewpoint_object: StringProperty(
-        name="Viewpoint", description="Camera or other object that normals face"
-    )
-    reference_object: StringProperty(
-        name="Like Object",
-        description="Mesh whose nearest surface says which side is out",
-    )
 
     def read(self, job: Job) -> None:
         """Read the shape, and how much of it is to change."""
@@ -72,7 +69,9 @@ class TIMESCALE_OT_estimate_normals(OnSelection, EstimateOptions):
         draw_details(self.layout, self, context.object)
 
 
-class TIMESCALE_OT_compare_delaunay(OnSelection, EstimateOptions, CompareOptions):
+class TIMESCALE_OT_compare_delaunay(
+    OnSelection, EstimateOptions, GuideObjects, CompareOptions
+):
     """Errors and colors of the estimate and of the triangulation."""
 
     bl_idname = "timescale.compare_delaunay"
@@ -87,13 +86,6 @@ class TIMESCALE_OT_compare_delaunay(OnSelection, EstimateOptions, CompareOptions
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender wants a plain set
 
-    viewpoint_object: StringProperty(
-        name="Viewpoint", description="Camera or other object that normals face"
-    )
-    reference_object: StringProperty(
-        name="Like Object",
-        description="Mesh whose nearest surface says which side is out",
-    )
     truth_object: StringProperty(
         name="True Surface",
         description="Mesh whose nearest surface has the true normals",

@@ -17,7 +17,7 @@ from .. import bridge
 from ..display.pointing import Ray, ray_under_mouse
 from ..settings.choices import ORIENTATIONS
 from ..settings.layouts import draw_guides
-from ..settings.properties import SideOptions, reference_of
+from ..settings.properties import GuideObjects, SideOptions, reference_of
 from ..settings.scene import Returned
 from .jobs import Job, viewpoint_of
 from .run import OnSelection
@@ -62,7 +62,7 @@ class Task:
     attribute: str
 
 
-class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
+class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions, GuideObjects):
     """Signs of normals that are there already, estimated or not."""
 
     bl_idname = "timescale.reorient_normals"
@@ -90,13 +90,6 @@ class TIMESCALE_OT_reorient_normals(OnSelection, SideOptions):
         name="Normals",
         description="Vector attribute with the normals of points without an estimate",
         default="normal",
-    )
-    viewpoint_object: StringProperty(
-        name="Viewpoint", description="Camera or other object that normals face"
-    )
-    reference_object: StringProperty(
-        name="Like Object",
-        description="Mesh whose nearest surface says which side is out",
     )
 
     # What is pointed at: an active vertex, or a ray under the mouse.

@@ -23,6 +23,7 @@ from ...core.experiment import METHODS, SURFACES, baseline_normals
 from ...core.neighbors.graph import delaunay_simplices
 from .. import bridge
 from ..display import picture
+from ..display.nodes import Scale
 from ..display.picture import Panel
 from . import plots
 from .plots import FAINT, ORANGE, TEAL, Array, Color
@@ -198,7 +199,7 @@ def triangulations(scene: Any, *, samples: dict[str, Sample]) -> None:
 def errors(scene: Any, *, sample: Sample) -> None:
     """Fig. 5 and 6: the errors of both methods and of the baseline, side by side."""
     _title(scene, f"Errors on {LABELS[sample.surface]}, {len(sample.points):,} points")
-    scale = picture.Scale(
+    scale = Scale(
         1e-4, 1.0, "Largest coordinate of the difference from the true normal"
     )
     paper, auto = sample.comparisons["paper"], sample.comparisons["auto"]
@@ -271,7 +272,7 @@ def _panel(
     frame: tuple[float, float],
     view: View,
     *,
-    scale: picture.Scale | None = None,
+    scale: Scale | None = None,
 ) -> None:
     """Lay objects below a title; the frame is its middle and its width."""
     x, width = frame

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..display import picture
+from ..display import nodes, picture
 
 Array = np.ndarray
 Color = tuple[float, float, float]
@@ -105,7 +105,7 @@ def fill(
     mesh = bpy.data.meshes.new("Figure")
     level = np.full((len(corners), 1), ABOVE - 10 + height)
     mesh.from_pydata(np.hstack([corners, level]).tolist(), [], faces)
-    ink, emission = picture.glow("Figure")
+    ink, emission = nodes.glow("Figure")
     emission.inputs["Color"].default_value = (*color, 1)
     mesh.materials.append(ink)
     picture.add(scene, mesh)

@@ -4,6 +4,7 @@
 Defaults, limits and choices are those of the core.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -57,6 +58,18 @@ class SideOptions:
             "object is chosen"
         ),
         default="normal",
+    )
+
+
+class GuideObjects:
+    """Objects that the sides are found by, under the names that operators take."""
+
+    viewpoint_object: StringProperty(
+        name="Viewpoint", description="Camera or other object that normals face"
+    )
+    reference_object: StringProperty(
+        name="Like Object",
+        description="Mesh whose nearest surface says which side is out",
     )
 
 
@@ -172,6 +185,17 @@ def to_core(options: Any) -> Settings:
     InputError
         When a value is out of its limits or the viewpoint's object is not there.
     """
+    viewpoint = place_of(options) if options.orientation == "viewpoint" else None
+    return replace(
+        patches_of(options),
+        orientation=options.orientation,
+        nested=options.nested,
+        viewpoint=viewpoint,
+    )
+
+
+def patches_of(options: Any) -> Settings:
+    """Return the core's settings of an operator or a scene, all but those of sides."""
     return Settings(
         method=options.method,
         neighbors=options.neighbors or None,
@@ -179,9 +203,6 @@ def to_core(options: Any) -> Settings:
         graph=options.graph,
         patch=options.patch,
         weights=options.weights,
-        orientation=options.orientation,
-        nested=options.nested,
-        viewpoint=place_of(options) if options.orientation == "viewpoint" else None,
     )
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scenes
 from bl_ext.user_default.timescale_normals import core
-from bl_ext.user_default.timescale_normals.addon.display import picture
+from bl_ext.user_default.timescale_normals.addon.display import nodes, picture
 
-SCALE = picture.Scale(0.001, 1.0, "Error")
+SCALE = nodes.Scale(0.001, 1.0, "Error")
 VALUES = {"zero": 0.0, "low": 1e-3, "middle": 10**-1.5, "high": 5.0, "absent": math.nan}
 # Their places on the scale.
 SHARES = {"zero": 0.0, "low": 0.0, "middle": 0.5, "high": 1.0, "absent": math.nan}
@@ -32,7 +32,7 @@ def flat(kind):
     else:
         obj = scenes.new_cloud(grid_points())
     n = len(scenes.points_of(obj))
-    scenes.put(obj, "normal_up", "FLOAT_VECTOR", np.tile(picture.LIGHT, (n, 1)))
+    scenes.put(obj, "normal_up", "FLOAT_VECTOR", np.tile(nodes.LIGHT, (n, 1)))
     for name, value in VALUES.items():
         scenes.put(obj, name, "FLOAT", np.full(n, value))
     return obj
@@ -74,7 +74,7 @@ def test_without_a_value_an_object_is_gray(tmp_path):
     panels = [picture.Panel(flat("mesh"), "Shaded", "normal_up")]
     colors = draw(tmp_path / "a.png", panels, view=LOOKING_DOWN)
     middle = colors[colors.shape[0] // 2, colors.shape[1] // 2]
-    assert middle == pytest.approx(picture.GRAY, abs=0.01)
+    assert middle == pytest.approx(nodes.GRAY, abs=0.01)
 
 
 def test_objects_far_away_and_long_ones_are_not_clipped(tmp_path):

@@ -104,6 +104,7 @@ ADDON_ORDER = (
     "settings.layouts",
     "settings.presets",
     "display.views",
+    "display.nodes",
     "display.picture",
     "display.coloring",
     "display.dress",
