@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Everything that knows Blender. Importing this package alone does not need it."""
+"""What stands around the core: files, the command line and all that knows Blender.
+
+Importing this package alone does not need Blender.
+"""
 
 from importlib import import_module
 from importlib.util import find_spec

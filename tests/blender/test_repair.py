@@ -183,10 +183,11 @@ def test_points_alone_are_refused():
 
 
 def test_the_panel_says_how_noisy_a_mesh_is():
-    from bl_ext.user_default.timescale_normals.addon import bridge, panel
+    from bl_ext.user_default.timescale_normals.addon import bridge
+    from bl_ext.user_default.timescale_normals.addon.display import summaries
 
     obj, _ = noisy_sphere()
     run()
-    rows = dict(panel.result_rows(bridge.read_summary(obj)["estimate"]))
+    rows = dict(summaries.result_rows(bridge.read_summary(obj)["estimate"]))
     assert rows["Averaged"] == rows["From Faces"] == "2,562"
     assert rows["Noise"].endswith(" %")

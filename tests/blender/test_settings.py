@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import scenes
 from bl_ext.user_default.timescale_normals import addon, core
-from bl_ext.user_default.timescale_normals.addon import missing, panel
+from bl_ext.user_default.timescale_normals.addon import bridge, missing, panel
+from bl_ext.user_default.timescale_normals.addon.display import summaries
 from bl_ext.user_default.timescale_normals.addon.settings import scene
 from bl_ext.user_default.timescale_normals.addon.settings.properties import to_core
 
@@ -135,13 +136,13 @@ def test_operators_that_change_something_can_be_undone(operator):
 def test_rows_of_the_panel_say_what_was_chosen():
     scenes.new_cloud(scenes.ball(), truth=scenes.ball())
     bpy.ops.timescale.compare_delaunay(truth="truth")
-    summary = panel.bridge.read_summary(bpy.context.object)
-    rows = dict(panel.result_rows(summary["estimate"]))
+    summary = bridge.read_summary(bpy.context.object)
+    rows = dict(summaries.result_rows(summary["estimate"]))
     assert rows["Points"] == "600"
     assert rows["Neighbors"] == str(summary["estimate"]["neighbors"])
     assert rows["Graph"] == "Nearest"
     assert "Without Normal" not in rows
-    table = panel.comparison_rows(summary["comparison"])
+    table = summaries.comparison_rows(summary["comparison"])
     assert table[:2] == [
         ("", "Estimate", "Delaunay"),
         ("Nearer at", "100.0 %", "0.0 %"),
@@ -153,11 +154,13 @@ def test_rows_of_the_panel_say_what_was_chosen():
 
 def test_noise_is_left_out_where_faces_gave_the_normals():
     summary = {"points": 9, "valid": 9, "noise_percent": 0.25}
-    assert dict(panel.result_rows(summary))["Noise"] == "0.25 %"
-    assert "Noise" not in dict(panel.result_rows({**summary, "from_faces": 5}))
+    assert dict(summaries.result_rows(summary))["Noise"] == "0.25 %"
+    assert "Noise" not in dict(summaries.result_rows({**summary, "from_faces": 5}))
     patches = {"points": 9, "valid": 9, "neighbors": 16, "patch": "cubic"}
-    assert dict(panel.result_rows({**patches, "from_faces": 8}))["Neighbors"] == "16"
-    all_faces = dict(panel.result_rows({**patches, "from_faces": 9}))
+    assert (
+        dict(summaries.result_rows({**patches, "from_faces": 8}))["Neighbors"] == "16"
+    )
+    all_faces = dict(summaries.result_rows({**patches, "from_faces": 9}))
     assert not {"Neighbors", "Patch"} & set(all_faces)
 
 
@@ -167,18 +170,18 @@ def test_rows_of_a_split_mesh_have_points_and_normals():
     bpy.ops.object.shade_smooth()
     obj.data.edges.foreach_set("use_edge_sharp", np.ones(12, bool))
     bpy.ops.timescale.estimate_normals()
-    rows = dict(panel.result_rows(panel.bridge.read_summary(obj)["estimate"]))
+    rows = dict(summaries.result_rows(bridge.read_summary(obj)["estimate"]))
     assert (rows["Points"], rows["Normals"]) == ("8", "24")
     assert "Side Uncertain" not in rows
 
 
 def test_uncertain_sides_are_shown_with_their_warnings():
     summary = {"points": 9, "valid": 9, "uncertain": 0.0712, "warnings": ["a " * 40]}
-    assert dict(panel.result_rows(summary))["Side Uncertain"] == "7.1 %"
-    lines = panel.warning_lines(summary, 300)
+    assert dict(summaries.result_rows(summary))["Side Uncertain"] == "7.1 %"
+    lines = summaries.warning_lines(summary, 300)
     assert [line["icon"] for line in lines[:2]] == ["ERROR", "BLANK1"]
     assert lines[0]["text"].startswith("A a")
-    assert not panel.warning_lines({"points": 9, "valid": 9}, 300)
+    assert not summaries.warning_lines({"points": 9, "valid": 9}, 300)
 
 
 def test_warnings_of_an_estimate_are_reported(capfd):
@@ -187,7 +190,7 @@ def test_warnings_of_an_estimate_are_reported(capfd):
     flat = rng.random((300, 3)) * [1, 1, 0]
     obj = scenes.new_cloud(np.concatenate([flat, flat[:, [0, 2, 1]] + [0, 0.5, -0.5]]))
     bpy.ops.timescale.estimate_normals()
-    found = panel.bridge.read_summary(obj)["estimate"]
+    found = bridge.read_summary(obj)["estimate"]
     out = capfd.readouterr().out
     assert all(warning in out for warning in found["warnings"])
     sure = scenes.get(obj, "ts_side_confidence")
@@ -198,8 +201,8 @@ def test_warnings_of_an_estimate_are_reported(capfd):
 def test_rows_of_a_comparison_without_truth():
     scenes.sphere(3)
     bpy.ops.timescale.compare_delaunay()
-    summary = panel.bridge.read_summary(bpy.context.object)
-    table = panel.comparison_rows(summary["comparison"])
+    summary = bridge.read_summary(bpy.context.object)
+    table = summaries.comparison_rows(summary["comparison"])
     assert table[:2] == [("", "Difference"), ("Angle", "")]
     assert {len(row) for row in table} == {2}
     expected = f"{summary['comparison']['deviation_max']:.3g}"

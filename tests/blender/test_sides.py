@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 import scenes
-from bl_ext.user_default.timescale_normals.addon import panel
+from bl_ext.user_default.timescale_normals.addon.display import summaries
 
 # The worst of sixteen bits in tangent space, in degrees.
 SIXTEEN_BITS = 0.81
@@ -194,7 +194,7 @@ def test_the_panel_says_where_faces_disagree():
     estimate()
     summary = json.loads(obj.data.timescale_normals.summary)["estimate"]
     # The three sides of the one that was turned over.
-    assert ("Faces Disagree", "3") in panel.result_rows(summary)
+    assert ("Faces Disagree", "3") in summaries.result_rows(summary)
     assert "wind against" in summary["warnings"][0]
 
 

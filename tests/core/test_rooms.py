@@ -110,6 +110,7 @@ ADDON_ORDER = (
     "display.dress",
     "display.lines",
     "display.legend",
+    "display.summaries",
     "display.pointing",
     "display.picking",
     "display.patch_view",
