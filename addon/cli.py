@@ -81,7 +81,7 @@ def _do(arguments: Any) -> int:
 
 
 def _work() -> int:
-    """Be a worker of another run: see `workers`."""
+    """Be a worker of another run: see `commands.workers`."""
     _part("addon.commands.workers").serve(sys.stdin.buffer, sys.stdout.buffer)
     return DONE
 

@@ -25,7 +25,7 @@ class Format:
     holds_faces, holds_columns : bool
         Whether faces, and numbers by name for each point, can be written.
     needs_blender : bool
-        Whether it is a scene of objects: see `scenes`.
+        Whether it is a scene of objects: see `commands.scenes`.
     """
 
     name: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The paper's figures 1 and 3 to 7, and the orders, drawn on pages of `picture`."""
+"""The paper's figures 1 and 3 to 7, and the orders, on pages of `display.picture`."""
 
 import math
 from collections.abc import Callable, Sequence

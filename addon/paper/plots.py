@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Curves of errors over steps, flat on a page of `picture`."""
+"""Curves of errors over steps, flat on a page of `display.picture`."""
 
 import math
 from collections.abc import Sequence

@@ -142,7 +142,7 @@ class _Run:
         return made
 
     def _parts(self) -> list[Any]:
-        """Return parts of the cloud from all over it, each whole: see `tiles`."""
+        """Return parts of the cloud from all over it, each whole: see `core.tiles`."""
         filled = self._filled()
         chosen = filled[:: max(1, len(filled) // _PARTS)]
         whole: list[Any] = []
