@@ -10,7 +10,7 @@ from ..inputs import BoolArray, FloatArray, IntArray
 from .faces import Triangles, corner_sums
 
 # Rounds after which a ladder has a rung.
-RUNGS = (1, 2, 4, 8, 16, 32)
+RUNGS = (1, 2, 4, 8, 16, 32, 64)
 
 
 class Averages:

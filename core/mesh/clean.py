@@ -81,14 +81,14 @@ class Patched:
         gathered = averages.means(np.stack([misfit, turned, quality], axis=1), 2)
         # What lies in a plane strays from it by rounding.
         some = fitted.valid & (gathered[:, 0] >= _FLAT**2) & (gathered[:, 1] > 0)
-        share = np.full(count, np.inf)
+        share = np.full(count, np.inf, dtype=np.float32)
         share[some] = np.sqrt(gathered[some, 0] / gathered[some, 1])
         inner = averages.inner & (turned > 0)
         straying = np.sqrt(misfit[inner] / turned[inner])
         side = np.where(np.einsum("ij,ij->i", fitted.normals, guide) < 0, -1.0, 1.0)
         return cls(
             fitted.normals * side[:, None],
-            misfit,
+            misfit.astype(np.float32),
             share,
             gathered[:, 2] < _SLIVERS,
             float(np.median(straying)) if len(straying) else 1.0,
@@ -146,8 +146,10 @@ def best_clean(mesh: Triangles, averages: Averages, patches: Patched | None) -> 
     passing = patches.passing(*averages.means(misfits, _GATHERED).T)
     passed = averages.means(passing[:, None].astype(np.float32), _AROUND)[:, 0]
     weight = np.where(np.isfinite(patches.share), np.interp(passed, _PASSED, (0, 1)), 0)
-    normals = unit(normals + weight[:, None] * (patches.normals - normals))
-    return Clean(normals, weights, weight > 0.5)
+    apart = patches.normals - normals
+    apart *= weight[:, None]
+    normals += apart
+    return Clean(unit(normals), weights, weight > 0.5)
 
 
 def _share_of_angle(misfits, straying):
@@ -166,10 +168,13 @@ def _share_by_patches(angle, largest, patches, by_edges):
     than the weights differ, what the edges say stays.
     """
     asked = patches.share < _ASKED_AT
-    apart = (angle - largest)[asked]
-    along = np.einsum("ij,ij->", patches.normals[asked] - largest[asked], apart)
-    missed = patches.misfit[asked].sum()
-    total = float((apart**2).sum() + missed)
+    missed = float(patches.misfit[asked].sum(dtype=np.float64))
+    along, total = 0.0, missed
+    for axis in range(3):
+        far = largest[asked, axis]
+        apart = angle[asked, axis] - far
+        along += (patches.normals[asked, axis] - far) @ apart
+        total += apart @ apart
     share = (along + missed * by_edges) / total if total > 0 else by_edges
     trust = np.interp(patches.straying, _ASKED, (1.0, 0.0))
     return float(trust * np.interp(share, (_END, 1 - _END), (0.0, 1.0)))

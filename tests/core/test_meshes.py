@@ -248,7 +248,7 @@ def test_a_ladder_on_a_plane_stays_on_it():
         assert_allclose(plain, np.tile([0, 0, 1.0], (36, 1)))
         if sharpened is not None:
             assert_allclose(np.abs(sharpened[:, 2]), 1)
-    assert rounds == [0, 1, 2, 4, 8, 16, 32]
+    assert rounds == [0, 1, 2, 4, 8, 16, 32, 64]
 
 
 def test_bumps_of_noise_are_unlike_their_neighbors(bumpy):
