@@ -9,6 +9,7 @@ truth is that of the nearest place of the exact surface.
 from dataclasses import dataclass
 
 import numpy as np
+from cylinders import cylinder_normals
 from solids import box_of, paired_sides, surface_net, voxel_grid
 
 from core.mesh.faces import Triangles, face_vectors, split_fans, unit, vertex_normals
@@ -31,6 +32,8 @@ class Case:
         The true normals at the corners.
     sharp : (e, 2) int
         The edges that part the mesh, known to all methods.
+    exact : (m, 3, 3) float64 or None
+        The normals of cylinders that the clean mesh was sampled from, zero elsewhere.
     """
 
     shape: str
@@ -39,6 +42,7 @@ class Case:
     faces: np.ndarray
     truth: np.ndarray
     sharp: np.ndarray
+    exact: np.ndarray | None = None
 
     @property
     def name(self):
@@ -201,9 +205,10 @@ def cases_of_file(name, points, faces):
     sharp = sharp_by_angle(points, faces) if name in CREASED_FILES else NONE
     fans, vertex = split_fans(len(points), faces, sharp)
     truth = vertex_normals(points[vertex], fans, weights="angle")[fans]
+    exact = cylinder_normals(points[vertex], fans)[fans] if len(sharp) else None
 
-    def case(damage, p=points, f=faces, t=truth, s=sharp):
-        return Case(name, damage, p, f, t, s)
+    def case(damage, p=points, f=faces, t=truth, s=sharp, e=exact):
+        return Case(name, damage, p, f, t, s, e)
 
     for share in NOISE:
         yield case(f"noise {share:g}", noisy(points, faces, share))
@@ -211,16 +216,28 @@ def cases_of_file(name, points, faces):
         yield case(f"{bits} bits", quantized(points, bits))
     turned = flipped(faces)
     order = np.where(turned[:, None], [0, 2, 1], [0, 1, 2])
+
+    def reordered(normals):
+        return np.take_along_axis(normals, order[:, :, None], axis=1)
+
     yield case(
         "flips",
         f=np.take_along_axis(faces, order, axis=1),
-        t=np.take_along_axis(truth, order[:, :, None], axis=1),
+        t=reordered(truth),
+        e=None if exact is None else reordered(exact),
     )
     scene = _scene(points, faces)
     for percent in KEPT:
         p, f = decimated(points, faces, percent)
-        s = sharp_by_angle(p, f) if len(sharp) else NONE
-        yield Case(name, f"{percent} %", p, f, _truth_near(scene, truth, p, f), s)
+        place = _places_near(scene, p, f)
+        yield case(
+            f"{percent} %",
+            p,
+            f,
+            _normals_at(truth, place),
+            sharp_by_angle(p, f) if len(sharp) else NONE,
+            None if exact is None else _normals_at(exact, place),
+        )
 
 
 CREASED_FILES = ("fandisk",)
@@ -234,8 +251,8 @@ def _scene(points, faces):
     return scene
 
 
-def _truth_near(scene, normals, points, faces):
-    """Return the normals of the nearest place of a mesh at corners, (m, 3, 3).
+def _places_near(scene, points, faces):
+    """Return the nearest places of a mesh to corners: rows of faces, shares.
 
     Looked for a little inside each face, so that creases are seen from its side.
     """
@@ -244,5 +261,12 @@ def _truth_near(scene, normals, points, faces):
     found = scene.compute_closest_points(inside.reshape(-1, 3).astype(np.float32))
     row = found["primitive_ids"].numpy().astype(np.int64)
     u, v = found["primitive_uvs"].numpy().astype(float).T
-    share = np.stack([1 - u - v, u, v], axis=1)
-    return unit((share[:, :, None] * normals[row]).sum(axis=1)).reshape(-1, 3, 3)
+    return row, np.stack([1 - u - v, u, v], axis=1)
+
+
+def _normals_at(normals, place):
+    """Return normals (m, 3, 3) of a mesh at places, zero where a corner has none."""
+    row, share = place
+    known = (normals[row] != 0).any(axis=2).all(axis=1)
+    found = unit((share[:, :, None] * normals[row]).sum(axis=1))
+    return np.where(known[:, None], found, 0).reshape(-1, 3, 3)

@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,7 @@ EXACT = 0.01
 # What the ratio is to be at most.
 SAME, NOISY, OTHERS = 1.02, 1 / 3, 1 / 2
 OURS = "Time-Scale Normals"
+TRUTH = "the clean original, by angle"
 
 
 def goal(case):
@@ -47,17 +49,57 @@ def goal(case):
     return OTHERS if "stairs" in case.damage or case.damage == "slivers" else SAME
 
 
+@dataclass(frozen=True)
+class Result:
+    """The errors in degrees by method on a mesh, and what became of the goal there.
+
+    Attributes
+    ----------
+    errors : dict of str to float
+    least : float
+        Of Blender's and other means of faces.
+    ratio : float
+        Of our error to that.
+    met : bool
+    on_cylinders : dict of str to float
+        The errors where the exact normals are known; empty where they are nowhere.
+    """
+
+    case: damage.Case
+    errors: dict
+    least: float
+    ratio: float
+    met: bool
+    on_cylinders: dict
+
+
 def rms(case, normals):
     """Return the root mean square angle of corner normals (m, 3, 3) in degrees.
 
     Over the corners where edges part the mesh, else over the vertices.
     """
-    cross = np.linalg.norm(np.cross(normals, case.truth), axis=2)
-    angle = np.degrees(np.arctan2(cross, (normals * case.truth).sum(axis=2)))
+    angle = angles(normals, case.truth)
     if not len(case.sharp):
         _, first = np.unique(case.faces, return_index=True)
         angle = angle.ravel()[first]
     return float(np.sqrt((angle**2).mean()))
+
+
+def angles(a, b):
+    """Return the angles between normals (m, 3, 3) in degrees, (m, 3)."""
+    cross = np.linalg.norm(np.cross(a, b), axis=2)
+    return np.degrees(np.arctan2(cross, (a * b).sum(axis=2)))
+
+
+def on_cylinders(case, fields):
+    """Return the errors of fields by name where the exact normals are known."""
+    if case.exact is None:
+        return {}
+    known = (case.exact != 0).any(axis=2)
+    return {
+        name: float(np.sqrt((angles(normals, case.exact)[known] ** 2).mean()))
+        for name, normals in fields.items()
+    }
 
 
 def means_of_faces(points, faces):
@@ -113,23 +155,23 @@ def of_blender(cases):
 
 
 def measure(cases):
-    """Return for each case the errors by method; the baselines are in `baselines`."""
+    """Return the Result of each case."""
     results = []
     for case, blender in zip(cases, of_blender(cases), strict=True):
         fans, vertex = split_fans(len(case.points), case.faces, case.sharp)
         points = case.points[vertex]
-        errors = {name: rms(case, unit(n)) for name, n in blender.items()}
-        for name, normals in means_of_faces(points, fans):
-            errors[name] = rms(case, normals[fans])
-        baselines = list(errors)
-        for name, normals in peers(points, fans):
-            errors[name] = rms(case, normals[fans])
+        fields = {name: unit(normals) for name, normals in blender.items()}
+        fields |= {name: n[fans] for name, n in means_of_faces(points, fans)}
+        baselines = list(fields)
+        fields |= {name: n[fans] for name, n in peers(points, fans)}
         found = estimate_normals(case.points, faces=case.faces, sharp=case.sharp)
-        errors[OURS] = rms(case, found.corner_normals)
+        fields[OURS] = found.corner_normals
+        errors = {name: rms(case, normals) for name, normals in fields.items()}
         least = min(errors[name] for name in baselines)
         ratio = (errors[OURS] + EXACT) / (least + EXACT)
         met = ratio <= goal(case) or max(least, errors[OURS]) < EXACT
-        results.append((case, errors, least, ratio, met))
+        known = on_cylinders(case, {TRUTH: case.truth, **fields})
+        results.append(Result(case, errors, least, ratio, met, known))
         print(
             f"{case.name:28} {found.mesh.kind:8} least {least:7.3f} "
             f"ours {errors[OURS]:7.3f} ratio {ratio:5.2f}{'' if met else '  missed'}",
@@ -140,11 +182,12 @@ def measure(cases):
 
 def ratio_table(results):
     """Return a table of ratios, shapes down and damages across, as lines."""
-    shapes = list(dict.fromkeys(case.shape for case, *_ in results))
-    damages = list(dict.fromkeys(case.damage for case, *_ in results))
+    shapes = list(dict.fromkeys(result.case.shape for result in results))
+    damages = list(dict.fromkeys(result.case.damage for result in results))
     cells = {}
-    for case, _, _, ratio, met in results:
-        cells[case.shape, case.damage] = f"{ratio:.2f}" if met else f"**{ratio:.2f}**"
+    for result in results:
+        text = f"{result.ratio:.2f}" if result.met else f"**{result.ratio:.2f}**"
+        cells[result.case.shape, result.case.damage] = text
     lines = [f"| | {' | '.join(shapes)} |", "|---|" + "---|" * len(shapes)]
     for name in damages:
         row = " | ".join(cells.get((shape, name), "") for shape in shapes)
@@ -166,12 +209,26 @@ def method_table(results):
         "stairs": ("coarse stairs", "fine stairs"),
     }
     lines = [f"| | {' | '.join(groups)} |", "|---|" + "---|" * len(groups)]
-    for name in results[0][1]:
+    for name in results[0].errors:
         cells = []
         for damages in groups.values():
-            some = [e[name] for case, e, *_ in results if case.damage in damages]
+            some = [r.errors[name] for r in results if r.case.damage in damages]
             cells.append(f"{np.mean(some):.2f}" if some else "")
         lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def cylinder_table(results):
+    """Return a table of errors where exact normals are known, damages down."""
+    known = [result for result in results if result.on_cylinders]
+    names = (TRUTH, "best means of faces", OURS)
+    lines = [f"| | {' | '.join(names)} |", "|---|" + "---|" * len(names)]
+    for result in known:
+        errors = dict(result.on_cylinders)
+        others = [errors[name] for name in errors if name not in (TRUTH, OURS)]
+        cells = [errors[TRUTH], min(others), errors[OURS]]
+        row = " | ".join(f"{cell:.2f}" for cell in cells)
+        lines.append(f"| {result.case.name} | {row} |")
     return "\n".join(lines)
 
 
@@ -250,6 +307,9 @@ def main():
         parts += [
             "Meshes of others, their clean originals as truth: " + summary(others),
             ratio_table(others),
+            "Where they were sampled from cylinders, errors in degrees to the exact "
+            "normals of these:",
+            cylinder_table(others),
         ]
     if options.large:
         parts += ["A million triangles:", large()]
@@ -260,11 +320,13 @@ def main():
 
 def summary(results):
     """Say on how many meshes the goal is met."""
-    met = sum(result[-1] for result in results)
-    worst = max((r for r in results if goal(r[0]) == SAME), key=lambda r: r[3])
+    met = sum(result.met for result in results)
+    same = [result for result in results if goal(result.case) == SAME]
+    worst = max(same, key=lambda result: result.ratio)
+    name, least = worst.case.name, worst.least
     return (
         f"{met} of {len(results)} meshes meet the goal; the largest ratio where it is "
-        f"{SAME} is {worst[3]:.2f}, on {worst[0].name} ({worst[2]:.3f} degrees)."
+        f"{SAME} is {worst.ratio:.2f}, on {name} ({least:.3f} degrees)."
     )
 
 

@@ -2,6 +2,7 @@
 """The rule of meshes, on a few of the meshes of tests/benchmarks/meshes.py."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,12 @@ import damage
 import solids
 
 from core import InputError, Settings, estimate_normals
-from core.mesh.averages import Averages, ladder
+from core.mesh.averages import Averages, area_vectors, ladder
+from core.mesh.clean import Patched, best_clean
 from core.mesh.creases import find_sharp_edges
 from core.mesh.evidence import find_bumps
 from core.mesh.faces import Triangles, corner_sums, split_fans, unit, vertex_normals
+from core.mesh.shaken import best_smoothed
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +127,18 @@ def test_noise_beside_creases(creased, share):
     fans, vertex = split_fans(len(points), solid.faces, sharp)
     best = best_of_faces(points[vertex], fans, truth)
     assert rms(found.corner_normals, truth) < best / (3 if share > 0.2 else 1.5)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_flat_pieces_are_averaged_far(creased, share):
+    solid = creased["cube"]
+    truth = solid.corner_truth(solid.points, solid.faces, solid.piece)
+    points = damage.noisy(solid.points, solid.faces, share)
+    found = estimate_normals(points, faces=solid.faces, sharp=solid.sharp_edges())
+    fans, vertex = split_fans(len(points), solid.faces, solid.sharp_edges())
+    best = best_of_faces(points[vertex], fans, truth)
+    # A side has 289 vertices: the mean of as many normals would be 17 times better.
+    assert rms(found.corner_normals, truth) < best / 10
 
 
 def test_the_result_does_not_depend_on_threads_scale_and_place(bumpy):
@@ -249,6 +264,78 @@ def test_a_ladder_on_a_plane_stays_on_it():
         if sharpened is not None:
             assert_allclose(np.abs(sharpened[:, 2]), 1)
     assert rounds == [0, 1, 2, 4, 8, 16, 32, 64]
+
+
+@pytest.fixture
+def patched(bumpy):
+    """A clean mesh, and patches that pass everywhere: its true normals."""
+    mesh = Triangles(bumpy.points, bumpy.faces)
+    count = len(mesh.points)
+    return mesh, Patched(
+        bumpy.normals[0](bumpy.points),
+        np.full(count, 1e-6),
+        np.full(count, 0.01),
+        np.zeros(count, dtype=bool),
+        0.01,
+    )
+
+
+def test_patches_count_where_most_around_pass(patched):
+    mesh, patches = patched
+    averages = Averages(len(mesh.points), mesh.faces)
+    alone = best_clean(mesh, averages, patches)
+    assert alone.from_patch.all()
+    assert_allclose(alone.normals, patches.normals, atol=1e-12)
+    # Every tenth alone is a pass by chance.
+    few = np.where(np.arange(len(mesh.points)) % 10, np.inf, patches.share)
+    chosen = best_clean(mesh, averages, replace(patches, share=few))
+    assert not chosen.from_patch.any()
+    means = [mesh.vertex_normals(kind) for kind in ("angle", "max")]
+    # A mix of both, no patch in it: in the plane of the two.
+    volume = np.einsum("ij,ij->i", chosen.normals, np.cross(*means))
+    assert_allclose(volume, 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7])
+def test_patches_tell_how_to_weigh_faces(patched, share):
+    mesh, patches = patched
+    averages = Averages(len(mesh.points), mesh.faces)
+    angle, largest = (mesh.vertex_normals(kind) for kind in ("angle", "max"))
+    rng = np.random.default_rng(5)
+    wrong = 1e-3 * rng.normal(size=angle.shape)
+    mix = share * angle + (1 - share) * largest
+    # None passes: at 0.05 of what faces turn they are too far from their vertices.
+    asked = replace(
+        patches,
+        normals=unit(mix + wrong),
+        misfit=np.zeros(len(mix)),
+        share=np.full(len(mix), 0.05),
+    )
+    found = best_clean(mesh, averages, asked)
+    # The end pieces of 0.05 are cut off, and errors of a milliradian average out.
+    cut = (share - 0.05) / 0.9
+    expected = unit(cut * angle + (1 - cut) * largest)
+    assert_allclose(found.normals, expected, atol=2e-4)
+    assert found.weights == ("angle" if share > 0.5 else "max")
+
+
+def test_small_meshes_and_large_ones_are_smoothed_alike(bumpy, monkeypatch):
+    """One shake, as a million triangles get, costs little where all is one piece."""
+    points = damage.noisy(bumpy.points, bumpy.faces, 0.3)
+    mesh = Triangles(points, bumpy.faces)
+    averages = Averages(len(points), bumpy.faces)
+    truth = bumpy.normals[0](bumpy.points)
+    clean = best_clean(mesh, averages, None)
+    errors = []
+    for most in (8, 1):
+        monkeypatch.setattr("core.mesh.shaken._SHAKES", most)
+        shake = 0.3 * mesh.mean_edge
+        normals, smooth = best_smoothed(
+            mesh, averages, area_vectors(mesh), clean, shake
+        )
+        assert smooth.mean() > 0.99
+        errors.append(rms(normals, truth))
+    assert errors[0] < errors[1] < 1.1 * errors[0]
 
 
 def test_bumps_of_noise_are_unlike_their_neighbors(bumpy):
