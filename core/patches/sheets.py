@@ -244,7 +244,7 @@ def separate(
             found = normals[own]
             if accepted.any():
                 around, best = around.only(accepted), best.only(accepted)
-                patch = _patch_of_agreeing(around, best, _REACH[stage])
+                patch = _patch_of_agreeing(around, best, _REACH[stage], tolerance / 2)
                 found[accepted] = patch.T
             after[part][active] = found
 
@@ -375,28 +375,37 @@ def _starting_weights(around, plane):
     return around.nearness * np.exp(-((off / 0.5) ** 2) - (unlike / 0.15) ** 2)
 
 
-def _patch_of_agreeing(around, consensus, reach):
+def _patch_of_agreeing(around, consensus, reach, tolerance):
     """Return the normals of cubic patches over the candidates that agree, (3, m).
 
-    The patch reaches to the `reach`-th of them.
+    The patch reaches to the `reach`-th of them; those that agree with it make the
+    one that counts.
     """
-    agreeing = np.cumsum(consensus.consent > 0.25, axis=0)
+    first, residuals = _fit_agreeing(
+        around, consensus.normals, consensus.consent, reach
+    )
+    consent = 1 / (1 + residuals(tolerance))
+    return _fit_agreeing(around, first, consent, reach)[0]
+
+
+def _fit_agreeing(around, normals, consent, reach):
+    """Fit cubic patches, to the `reach`-th of the candidates that agree; see `_fit`."""
+    agreeing = np.cumsum(consent > 0.25, axis=0)
     at = np.where(
         agreeing[-1] >= reach, (agreeing >= reach).argmax(axis=0), len(agreeing) - 1
     )
     farthest = np.take_along_axis(around.distance, at[None], axis=0)
-    weights = np.exp(-((2 * around.distance / farthest) ** 2))
-    weights *= consensus.consent
+    weights = np.exp(-((2 * around.distance / farthest) ** 2)) * consent
     weights += _LEAST_WEIGHT
     return _fit(
         around,
-        consensus.normals,
+        normals,
         weights,
         _spread(around.distance, weights),
         terms=CUBIC,
         ridge=_RIDGE_FITTING,
         share=_SLOPES_FITTING,
-    )[0]
+    )
 
 
 def _fit(around, normals, weights, scale, *, terms, ridge, share):
