@@ -111,7 +111,7 @@ def creased_solids():
 
 
 def unseen_solids():
-    """Yield smooth solids on which no threshold was set."""
+    """Yield solids on which no threshold was set."""
     yield _ellipsoid(np.array([1.6, 1.0, 0.45]))
     yield _radial(
         "wavy",
@@ -119,6 +119,16 @@ def unseen_solids():
         lambda d: 1 + 0.03 * np.sin(14 * d[:, 0]) * np.sin(14 * d[:, 1] + 1),
     )
     yield _terrain()
+    yield _radial(
+        "star",
+        7000,
+        lambda d: (
+            1
+            + 0.12 * np.cos(5 * np.arctan2(d[:, 1], d[:, 0])) * (1 - d[:, 2] ** 2) ** 2
+            + 0.05 * np.sin(9 * d[:, 2])
+        ),
+    )
+    yield revolved("knob", _knob(), 90, 0.05)
 
 
 # Smooth solids
@@ -392,6 +402,20 @@ def _spool():
         Line((1.0, 0.5), (1.0, 0.8)),
         Line((1.0, 0.8), (0.25, 0.8)),
         Line((0.25, 0.8), (0.25, -0.8)),
+    ]
+
+
+def _knob():
+    """The outline of a ring in radius and height: rounded edges, a hollow neck."""
+    return [
+        Line((0.2, 0.0), (0.8, 0.0)),
+        Arc((0.8, 0.2), 0.2, -np.pi / 2, 0.0),
+        Line((1.0, 0.2), (1.0, 0.4)),
+        Arc((0.7, 0.4), 0.3, 0.0, np.pi / 2),
+        Arc((0.7, 0.95), 0.25, 3 * np.pi / 2, np.pi),
+        Line((0.45, 0.95), (0.45, 1.3)),
+        Line((0.45, 1.3), (0.2, 1.3)),
+        Line((0.2, 1.3), (0.2, 0.0)),
     ]
 
 
