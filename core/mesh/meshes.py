@@ -33,7 +33,7 @@ class MeshNormals:
         Unit; zero where not valid.
     valid : (n,) bool
     from_faces : int
-        Vertices that have a mean of normals of faces.
+        Vertices at which means of normals of faces count for most.
     smoothed : int
         Those among them whose mean reaches beyond the faces at the vertex.
     noise : float
