@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from cylinders import cylinder_normals
-from solids import box_of, paired_sides, surface_net, voxel_grid
+from solid import paired_sides
+from solids import box_of, surface_net, voxel_grid
 
 from core.mesh.faces import Triangles, face_vectors, split_fans, unit, vertex_normals
 
