@@ -286,6 +286,11 @@ def _warnings(sides: Sides) -> tuple[str, ...]:
             f"The side of {share:.0%} of the points is uncertain: sheets as close as "
             "the points, sheets that cross, or noise."
         )
+    if sides.narrow:
+        found.append(
+            "Sheets lie so close to each other, for so many points, that their sides "
+            "are a guess."
+        )
     if sides.open:
         found.append(
             "The surface is open: its sides agree with each other, but which one is "

@@ -21,8 +21,18 @@ from .mending import Surface, mend
 from .poles import label_poles
 
 # Representatives at most: the triangulation and what follows take some 30 microseconds
-# for each. Plates thinner than about the distance between them are lost.
+# for each.
 _MOST = 30_000
+
+# Sheets are told apart when they are farther from each other than 0.85 of the distance
+# to the sixth representative. Where more than one of fifty points sees two that are
+# nearer, there are up to so many times more representatives.
+_TOLD_APART, _FEW, _TIMES = 0.85, 0.02, 6.0
+
+# What sees them: representatives that face the same way, or the opposite, to within
+# eight degrees, and yet stand off by this share of their distance. A surface that bends
+# as far has turned further. So many points look.
+_ALIKE, _OFF, _LOOKING = 0.99, 0.15, 20_000
 # A tetrahedron and one point more.
 _FEWEST = 5
 
@@ -50,6 +60,9 @@ _TWIN = 0.25
 # off the surface when its neighbors stand this steeply above or below it.
 _LONE = 4.0
 _STEEP = 0.25
+
+# Points listen to so many representatives.
+_HEARD_BY = 6
 
 _CHUNK = 100_000
 _FIT_CHUNK = 2048
@@ -81,6 +94,8 @@ class Sides:
         The connected piece of each point, counted from 0.
     disagreeing : float
         Share of the neighbors on one smooth surface that face opposite sides.
+    narrow : bool
+        Whether sheets are so close that the representatives do not tell them apart.
     """
 
     signs: IntArray
@@ -89,6 +104,7 @@ class Sides:
     open: bool
     piece: IntArray
     disagreeing: float
+    narrow: bool
 
 
 def find_sides(
@@ -126,9 +142,16 @@ def find_sides(
     if not spacing > 0:
         return None
     told = between(progress, 0.0, _SMOOTHED)
-    chosen, place, facing = _made_fit(
-        nearest, normals, spacing, noise, most, workers, told
-    )
+    chosen, narrow = _chosen(nearest, normals, spacing, noise, most)
+    told(_CHOSEN)
+    place, facing = nearest.points[chosen], normals[chosen]
+    if noise:
+        reach = _reach(spacing, noise)
+        told = between(told, _CHOSEN, 1.0)
+        place, facing = smooth(
+            nearest, place, facing, reach, workers=workers, progress=told
+        )
+    progress(_SMOOTHED)
     solid, far = _solid(place, facing)
     if solid.sum() < _FEWEST:
         return None
@@ -161,30 +184,54 @@ def find_sides(
     found, confidence = heard.vote(signs, sure)
     if not noise:
         found[chosen], confidence[chosen] = signs, sure
-    return Sides(
-        found, confidence, noise, labels.open, piece, surface.disagreement(signs)
-    )
+    disagreeing = surface.disagreement(signs)
+    return Sides(found, confidence, noise, labels.open, piece, disagreeing, narrow)
 
 
-def _made_fit(nearest, normals, spacing, noise, most, workers, progress):
-    """Return representatives (m,), and their places and normals, (m, 3), smoothed."""
+def _reach(spacing, noise):
+    """Return how far the fits reach that smooth a cloud."""
+    return max(_REACH * noise, 2.5 * spacing)
+
+
+def _chosen(nearest, normals, spacing, noise, most):
+    """Return representatives (m,), and whether sheets are too close for them."""
     points = nearest.points
-    reach = max(_REACH * noise, 2.5 * spacing)
+    reach = _reach(spacing, noise)
     apart = max(_APART * reach, 1.5 * spacing) if noise else _TWIN * spacing
     if len(points) > most:
         # A surface at an angle meets three cells where an upright one meets two: so
         # wide, they are about as many as allowed where the cloud is even.
         apart = max(apart, 1.2 * spacing * np.sqrt(len(points) / most))
     chosen = representatives(points, apart, most)
-    place, facing = points[chosen], normals[chosen]
-    progress(_CHOSEN)
-    if noise:
-        told = between(progress, _CHOSEN, 1.0)
-        place, facing = smooth(
-            nearest, place, facing, reach, workers=workers, progress=told
-        )
-    progress(1.0)
-    return chosen, place, facing
+    if noise or len(chosen) > len(points) / 2:
+        return chosen, False
+    closer = _gap(nearest, normals, chosen) / _TOLD_APART
+    if closer < 1 / np.sqrt(_TIMES):
+        return chosen, True
+    if closer < 1:
+        chosen = representatives(points, closer * apart, int(most / closer**2))
+    return chosen, False
+
+
+def _gap(nearest, normals, chosen):
+    """Return how far sheets are from each other where representatives see two.
+
+    In units of the distance to the sixth of them; infinite where hardly any do.
+    """
+    points, place, facing = nearest.points, nearest.points[chosen], normals[chosen]
+    rows = nearest.order[:: -(-len(points) // _LOOKING)]
+    here = points[rows]
+    count = min(_HEARD_BY, len(place))
+    distance, index = NearestNeighbors(place).tree.query(
+        here, k=np.arange(1, count + 1)
+    )
+    theirs = facing[index]
+    alike = np.abs(np.einsum("mkc,mc->mk", theirs, normals[rows])) > _ALIKE
+    height = np.abs(np.einsum("mkc,mkc->mk", here[:, None] - place[index], theirs))
+    other = alike & (height > _OFF * distance)
+    if other.any(axis=1).mean() < _FEW:
+        return np.inf
+    return np.median(height[other]) / np.median(distance[:, -1])
 
 
 def _both(
@@ -426,7 +473,7 @@ class Hearing:
     ) -> "Hearing":
         """Look for the representatives, at `place` with normals `facing`, (m, 3)."""
         points, order = nearest.points, nearest.order
-        shape = len(points), min(6, len(place))
+        shape = len(points), min(_HEARD_BY, len(place))
         all_index = np.empty(shape, dtype=np.int32)
         all_weight = np.empty(shape, dtype=np.float32)
         tree, level = NearestNeighbors(place).tree, (place * facing).sum(axis=1)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Inside and outside: exact on closed surfaces, however close their sheets."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -277,6 +279,30 @@ def test_a_thinned_cloud_has_the_same_sides():
     sides = find_sides(points, scrambled(normals), most=1000)
     found = scrambled(normals) * sides.signs[:, None]
     assert ((found * normals).sum(axis=1) > 0).all()
+
+
+@pytest.mark.parametrize("thin", [0.1, 0.08])
+def test_more_representatives_tell_thin_plates_apart(thin):
+    """A thousand on the plate are 0.09 apart: half of the points would be wrong.
+
+    What is wrong now stands at the rim, which so few representatives see coarsely.
+    """
+    points, normals = box(20_000, (1, 1, thin / 2))
+    sides = find_sides(points, scrambled(normals), most=1000)
+    found = scrambled(normals) * sides.signs[:, None]
+    assert not sides.narrow
+    assert ((found * normals).sum(axis=1) < 0).mean() < 0.02
+
+
+def test_plates_too_thin_are_said_to_be(monkeypatch):
+    points, normals = box(20_000, (1, 1, 0.02))
+    normals = scrambled(normals)
+    # All of the points are few enough to be asked.
+    assert find_orientation(points, normals, mode="poles").warnings == ()
+    few = partial(find_sides, most=1000)
+    monkeypatch.setattr("core.orient.orientation.find_sides", few)
+    said = find_orientation(points, normals, mode="poles").warnings
+    assert any("close to each other" in sentence for sentence in said)
 
 
 def test_nested_pieces():
