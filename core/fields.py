@@ -10,7 +10,6 @@ from .inputs import BoolArray, FloatArray, IntArray
 from .mesh.faces import Triangles
 from .mesh.meshes import MeshNormals, choose_normals, with_faces
 from .neighborhoods import Nearest, Rings, neighborhoods
-from .patches.asked import Asked
 from .patches.fitted import Fitted, fit_all
 from .patches.sheets import STAGES, separate, suspects
 from .progress import Progress, between, silent
@@ -68,7 +67,8 @@ def _of_points(asked, source, settings, report):
         valid, noise, condition = fitted.valid, fitted.noise, fitted.condition
         return Found(field, valid, settings, noise, separated, condition)
     nearest = source.nearest
-    level, noise = noise_in_spacings(Asked.of(nearest))
+    level, noise = noise_in_spacings(source.asked)
+    source.asked.forget()
     if is_noisy(level, settings.neighbors or 0):
         run = _runner(settings, report, 2)
         field = blend(Noisy(nearest, level, noise), run)
@@ -76,7 +76,9 @@ def _of_points(asked, source, settings, report):
         return Found(field, valid, settings, noise)
     fitted, field, separated = _of_one_size(source, report)
     run = _runner(settings, between(report, _PARTED, 1.0), 2)
-    field = blend(Exact(nearest, field, fitted.normals, fitted.misfit), run)
+    _, typical = suspects(fitted.misfit, fitted.valid)
+    cloud = Exact(nearest, field, fitted.normals, fitted.misfit, typical)
+    field = blend(cloud, run)
     valid, noise = fitted.valid, fitted.noise
     return Found(field, valid, settings, noise, separated)
 

@@ -59,8 +59,9 @@ def neighborhoods(
         points = points if center is None else points - center
         return Rings(points, faces, settings), settings
     nearest = NearestNeighbors(points, center=center, threads=settings.threads)
-    settings = of_nearest(settings, Asked.of(nearest))
-    return Nearest(nearest, settings), settings
+    asked = Asked.of(nearest)
+    settings = of_nearest(settings, asked)
+    return Nearest(nearest, settings, asked), settings
 
 
 def of_nearest(settings: Settings, asked: Asked) -> Settings:
@@ -143,11 +144,12 @@ class _Source:
 
 
 class Nearest(_Source):
-    """Patches over nearest points."""
+    """Patches over nearest points, of which some are asked about the whole cloud."""
 
-    def __init__(self, nearest, settings):
+    def __init__(self, nearest, settings, asked=None):
         super().__init__(len(nearest), settings, nearest.cloud)
         self.nearest = nearest
+        self.asked = asked or Asked.of(nearest)
 
     @property
     def points(self) -> FloatArray:

@@ -227,7 +227,7 @@ def fit_tile(points: FloatArray, own: int, depth: FloatArray, plan: Plan) -> Til
         exact = _exact_after(nearest, exact, depth, rows, (CANDIDATES,) * STAGES)
     if blended:
         field = Field(normals, error_of_misfit(fitted.misfit), fitted.reach)
-        cloud = Exact(nearest, field, fitted.normals, fitted.misfit)
+        cloud = Exact(nearest, field, fitted.normals, fitted.misfit, plan.misfit)
         normals = blend(cloud, run).normals
         exact = _exact_after(nearest, exact, depth, cloud.rows, _ROUNDS)
     return Tile(normals[back], fitted.valid[back], exact[back])

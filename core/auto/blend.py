@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..inputs import BoolArray, FloatArray, IntArray
+from ..inputs import FloatArray, IntArray
 from ..neighbors.graph import NearestNeighbors
 from ..patches.chart import along
 from ..patches.scale import NARROWEST
@@ -24,21 +24,30 @@ from .votes import count_votes
 # From this noise on, in spacings, patches are fitted as for noisy points.
 _NOISY_FROM = 0.05
 
-# Patches that miss their neighbors by less, as an angle, are right as they are.
-_SETTLED = 0.002
+# Patches that miss their neighbors by less than most do are right as they are, between
+# these angles: on flat faces a neighbor beyond a crease shows in little more. Up to one
+# and a half of that blends gain weight, so that nothing hangs on rounding.
+_SETTLED = 0.002, 0.005
+
+# The logarithm of the squared error, in degrees, from which on votes gain weight, up to
+# one more: they hardly change what is expected to err by less than three degrees.
+_CLEAR = 2.0
+
+# Nor what patches miss by less than this angle; up to twice of it votes gain weight.
+_BENT = 0.01
+
+# As far as votes are expected to err less than the blend they stand; and, up to one
+# more, where the blend is expected to err by sixteen degrees: nothing is to be lost.
+_HOPELESS = 5.5
 
 # The normal at hand stands where a blend turns it by less than so many times what its
 # patch misses its neighbors by, as an angle, and what the blend expects to err: on a
 # smooth surface patches are more precise. Between half and one and a half of that, one
-# goes over into the other, so that nothing hangs on rounding.
-_MISSED, _EVIDENT = 2.0, 3.0
+# goes over into the other.
+_MISSED, _EVIDENT = 2.25, 3.0
 
 # Points in one go: fifty arrays of as many rows as there are neighbors.
-CHUNK = 512
-
-# Where more than this share of the points is open, all are looked at, in the long runs
-# that are made for so many neighbors: that is faster by a quarter.
-_MOST, _RUN = 0.5, 16
+CHUNK = 2048
 
 # Normals that vote about one.
 VOTERS = {"exact": 32, "noisy": 48}
@@ -48,6 +57,10 @@ _TRUST = 10.0
 
 # Squared degrees below which errors are all alike.
 LEAST_ERROR = 0.05
+
+
+# What others say of points: their normals (3, m), and the errors expected of these.
+Vote = Callable[[IntArray], tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True)
@@ -85,13 +98,8 @@ class Field:
         normals: FloatArray,
         error: FloatArray,
         scale: FloatArray,
-        open_: BoolArray | None,
     ) -> None:
-        """Write normals (3, m), errors and scales of points that are open, or all."""
-        if open_ is not None:
-            chosen = open_[rows]
-            rows, normals = rows[chosen], normals[:, chosen]
-            error, scale = error[chosen], scale[chosen]
+        """Write normals (3, m), errors and scales of some points."""
         self.normals[rows] = normals.T
         self.error[rows] = error
         self.scale[rows] = scale
@@ -143,6 +151,8 @@ class Exact:
         As the patches had them before.
     misfit : (n,)
         Of these patches.
+    typical : float, optional
+        The median misfit of the whole cloud.
     """
 
     name = "exact"
@@ -153,22 +163,17 @@ class Exact:
         field: Field,
         normals: FloatArray,
         misfit: FloatArray,
+        typical: float = np.inf,
     ) -> None:
         self.nearest, self.field = nearest, field
         self._normals, self._misfit = normals, misfit
-        self.open = (normals != 0).any(axis=1) & (misfit > _SETTLED)
-        self.rows = np.flatnonzero(self.open)
+        self._settled_below = float(np.clip(typical, *_SETTLED))
+        open_ = (normals != 0).any(axis=1) & (misfit > self._settled_below)
+        self.rows = nearest.order[open_[nearest.order]]
 
     def first_chunks(self) -> list[IntArray]:
-        """Return the points that one patch does not settle, chunk by chunk.
-
-        Where these are most, all points: those that stand together find their
-        neighbors so much faster.
-        """
-        if len(self.rows) > _MOST * len(self.open):
-            return self.nearest.runs(_RUN)
-        order = self.rows[np.argsort(self.nearest.rank[self.rows], kind="stable")]
-        return _split(order)
+        """Return the points that one patch does not settle, chunk by chunk."""
+        return _split(self.rows)
 
     second_chunks = first_chunks
 
@@ -198,30 +203,59 @@ class Exact:
 
         Last comes the normal at hand, which may stand after all.
         """
-        index, _ = self.nearest.neighbors(rows, VOTERS["exact"] - 1)
-        index = np.concatenate([rows[:, None], index], axis=1).T
-        points = self.nearest.points
-        elected, features = _elected(points, points[rows], index, first, 0.0)
+        index, offsets = self.nearest.around(rows, VOTERS["exact"] - 1)
+        # The point itself votes as well.
+        index = np.concatenate([rows[None], index])
+        offsets = np.concatenate([np.zeros((3, 1, len(rows))), offsets], axis=1)
+        elected, features = _elected(offsets, index, first, 0.0)
         own = self.field.normals[rows].T.astype(np.float32)
         facts = [error_of_misfit(self._misfit[rows])]
         facts += [turn(own, candidate) for candidate in elected]
         return np.concatenate([elected, [own]]), np.concatenate([features, facts])
 
-    def settled(
+    def first_rows(self, rows: IntArray) -> IntArray:
+        """Return the rows of the first round that belong to some of the second."""
+        return rows
+
+    def first(
         self, rows: IntArray, normals: FloatArray, error: FloatArray
-    ) -> FloatArray:
-        """Return normals (3, m) after both rounds, or those at hand, or between."""
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return normals (3, m) and errors after the first round.
+
+        Between blends and what patches say that miss by little.
+        """
+        own, missed = self.field, self._misfit[rows] / self._settled_below
+        stays = np.clip(3 - 2 * missed, 0, 1)
+        error = error + stays * (own.error[rows] - error)
+        return _between(normals, own.normals[rows].T, stays), error
+
+    def second(
+        self, first: Field, rows: IntArray, vote: Vote
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return normals (3, m), errors and scales after the second round.
+
+        Between those of the first and the elected ones; or those at hand stand.
+        """
+        normals, error = first.normals[rows].T, first.error[rows]
+        doubt = np.clip(error - _CLEAR, 0, 1)
+        doubt = np.maximum(doubt, np.clip(self._misfit[rows] / _BENT - 1, 0, 1))
+        asked = np.flatnonzero(doubt > 0)
+        if len(asked):
+            elected, expected = vote(rows[asked])
+            before, blended = error[asked], normals[:, asked]
+            share = np.clip((before - expected + 1) / 2, 0, 1)
+            share = np.maximum(share, np.clip(before - _HOPELESS, 0, 1)) * doubt[asked]
+            normals[:, asked] = _between(blended, elected, share)
+            error[asked] += share * (expected - before)
+        return self._settled(rows, normals, error), error, first.scale[rows]
+
+    def _settled(self, rows, normals, error):
+        """Return normals (3, m), or those at hand, or between."""
         own, missed = self.field.normals[rows].T, self._misfit[rows]
         bar = np.minimum(_MISSED * missed, _EVIDENT * np.radians(np.exp(error / 2)))
         cosine = along(own, normals)
         turned = np.sqrt(np.maximum(1 - cosine * cosine, 0)) / np.maximum(bar, 1e-9)
-        share = np.clip(1.5 - turned, 0, 1) * np.where(cosine < 0, -1, 1)
-        mixed = share * own + (1 - np.abs(share)) * normals
-        return mixed / np.sqrt((mixed * mixed).sum(axis=0))
-
-    def first_rows(self, rows: IntArray) -> IntArray:
-        """Return the rows of the first round that belong to some of the second."""
-        return rows
+        return _between(normals, own, np.clip(1.5 - turned, 0, 1))
 
 
 class Noisy:
@@ -240,7 +274,7 @@ class Noisy:
         out.
     """
 
-    name, open = "noisy", None
+    name = "noisy"
 
     def __init__(
         self,
@@ -263,7 +297,7 @@ class Noisy:
 
     def second_chunks(self) -> list[IntArray]:
         """Return the points, chunk by chunk."""
-        return _split(self.nearest.order)
+        return _split(self.rows)
 
     def start(self) -> tuple[Field, Field]:
         """Return the fields that the two rounds write to."""
@@ -284,16 +318,22 @@ class Noisy:
         """Return what the second round chooses among at points, and features."""
         places = self.nearest.points[rows]
         _, index = self.coarse.tree.query(places, k=VOTERS["noisy"])
-        elected, features = _elected(
-            self.coarse.points, places, index.T, first, self._noise
-        )
+        offsets = np.take(self.coarse.points, index.T, axis=0) - places
+        offsets = np.moveaxis(offsets, -1, 0)
+        elected, features = _elected(offsets, index.T, first, self._noise)
         return elected, self._with_level(features)
 
-    def settled(
-        self, _rows: IntArray, normals: FloatArray, _error: FloatArray
-    ) -> FloatArray:
-        """Return normals (3, m) after both rounds: these."""
-        return normals
+    def first(
+        self, _rows: IntArray, normals: FloatArray, error: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return normals (3, m) and errors after the first round: the blends."""
+        return normals, error
+
+    def second(
+        self, first: Field, rows: IntArray, vote: Vote
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return normals (3, m), errors and scales after the second round."""
+        return *vote(rows), first.scale[self.first_rows(rows)]
 
     def first_rows(self, rows: IntArray) -> IntArray:
         """Return the means whose blocks hold some points."""
@@ -333,11 +373,12 @@ def blend(cloud: Exact | Noisy, run: Callable) -> Field:
     def vote(rows):
         elected, features = cloud.votes(first, rows)
         normals, _, error = net.blend(features, elected)
-        normals = cloud.settled(rows, normals, error)
-        scale = first.scale[cloud.first_rows(rows)]
-        second.put(rows, normals, error, scale, cloud.open)
+        return normals, error
 
-    run(vote, cloud.second_chunks())
+    def decide(rows):
+        second.put(rows, *cloud.second(first, rows, vote))
+
+    run(decide, cloud.second_chunks())
     return second
 
 
@@ -349,21 +390,27 @@ def first_round(cloud: Exact | Noisy, field: Field, run: Callable) -> None:
         candidates, reach, features = cloud.candidates(rows)
         normals, weights, error = net.blend(features, candidates)
         scale = (weights * reach).sum(axis=0)
-        field.put(rows, normals, error, scale, cloud.open)
+        field.put(rows, *cloud.first(rows, normals, error), scale)
 
     run(fit, cloud.first_chunks())
 
 
-def _elected(points, places, index, first, noise):
-    """Return what the normals of some points (k, m) elect at places (m, 3)."""
-    offsets = np.moveaxis(points[index] - places, -1, 0).astype(np.float32)
-    normals = np.moveaxis(first.normals[index], -1, 0).astype(np.float32)
+def _elected(offsets, index, first, noise):
+    """Return what the normals of points (k, m) elect where offsets (3, k, m) begin."""
+    normals = np.moveaxis(np.take(first.normals, index, axis=0), -1, 0)
     return count_votes(
-        np.ascontiguousarray(offsets),
-        np.ascontiguousarray(normals),
+        offsets.astype(np.float32, order="C"),
+        normals.astype(np.float32, order="C"),
         first.error[index],
         noise,
     )
+
+
+def _between(a, b, share):
+    """Return what lies between directions (3, m), whatever their sides."""
+    share = np.where(along(a, b) < 0, -share, share)
+    mixed = (1 - np.abs(share)) * a + share * b
+    return mixed / np.sqrt((mixed * mixed).sum(axis=0))
 
 
 def _split(rows):

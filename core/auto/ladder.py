@@ -22,18 +22,17 @@ _TERMS = {
 
 Steps = dict[int, tuple[str, ...]]
 
-# Numbers of neighbors, each step a fifth wider than the one before, and the patches to
-# choose among. A plane is fitted at every step, for what it tells.
+# Numbers of neighbors, each step a fifth or two wider than the one before, and the
+# patches to choose among. A plane is fitted at every step, for what it tells.
 EXACT: Steps = {
     10: (PLANE,),
-    16: (QUADRATIC, THROUGH),
+    16: (QUADRATIC,),
     24: (THROUGH,),
-    36: (QUADRATIC, THROUGH),
+    36: (QUADRATIC,),
 }
 NOISY: Steps = {
     10: (PLANE,),
-    16: (QUADRATIC,),
-    24: (QUADRATIC,),
+    19: (),
     36: (QUADRATIC,),
     54: (QUADRATIC, ABOVE),
     81: (QUADRATIC,),
@@ -101,8 +100,10 @@ def _log(share):
 
 def turn(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the logarithm of the squared sine between directions (3, m)."""
-    cosine = along(a, b)
-    return _log(1 - cosine * cosine)
+    # From the cross product: one less the squared cosine of what is nearly alike is
+    # little but rounding.
+    x, y, z = (a[i] * b[j] - a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1)))
+    return _log(x * x + y * y + z * z)
 
 
 def _plane(offsets, weights, width):

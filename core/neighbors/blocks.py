@@ -239,7 +239,7 @@ class Blocks:
             before = np.cumsum(self.sizes[part]) - self.sizes[part]
             at_run = before[which[rows] - at * step] + places[rows]
             at_run -= self.starts[own[rows]]
-            found.put(rows, self.search(part, count).only(at_run))
+            found.put(_as_slice(rows), self.search(part, count).only(at_run))
         return found
 
     def search_each(self, places: IntArray, count: int) -> Found:
@@ -265,6 +265,13 @@ class Blocks:
                 place = np.take(region.place, slot)
                 found.put(part, Found(place, distance, offsets, certain))
         return found
+
+
+def _as_slice(rows):
+    """Return rows that follow each other as a slice, which is written to faster."""
+    if len(rows) and (np.diff(rows) == 1).all():
+        return slice(rows[0], rows[-1] + 1)
+    return rows
 
 
 class _Region:

@@ -151,6 +151,17 @@ class NearestNeighbors:
             offsets, distance = offsets * within.T, distance * within
         return offsets, distance
 
+    def around(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
+        """Return the nearest points of the given ones, and where they are from there.
+
+        Returns
+        -------
+        index : (count, m) int
+        offsets : (3, count, m) float64
+        """
+        found = self._found(rows, count)
+        return np.take(self.order, found.place.T), found.offsets
+
     def toward(self, index: IntArray, rows: IntArray) -> FloatArray:
         """Return where points (k, m) are, seen from rows (m,): (3, k, m) float64."""
         away = np.take(self._given, index, axis=0) - self._given[rows]

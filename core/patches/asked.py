@@ -60,3 +60,7 @@ class Asked:
         offsets = self._offsets[:, :k]
         reach = np.sqrt((offsets[:, -1] ** 2).sum(axis=0))
         return offsets / np.where(reach > 0, reach, 1), reach
+
+    def forget(self) -> None:
+        """Let go of the neighbors; who asks again has them looked up again."""
+        self._offsets = np.empty((3, 0, 0))

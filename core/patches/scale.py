@@ -21,9 +21,10 @@ CANDIDATES = {
 NARROWEST = 16
 _DEFAULT = ("cubic", NARROWEST)
 
-# With every step variance falls and bias grows: where the error is four times the
-# least before, bias has taken over, and the steps beyond are no better.
-_RISEN = 4
+# With every step variance falls and bias grows: where the bias alone is more than the
+# least error so far, the steps beyond are no better. That is said only where variance
+# is less than a fifth of both errors: noise shows as bias, too.
+_CLEAR = 0.2
 
 # Slopes this uncertain (10 degrees) say that the chart itself has turned into the
 # noise: residuals no longer tell how wrong the normals are, only that they are.
@@ -45,19 +46,18 @@ def choose_scale(asked: Asked) -> tuple[str, int]:
     the slopes at k and at the step before: what exceeds the difference of the two
     variances is b(k) - b(k'), and as the leading bias of a patch of order p grows
     with the reach to the p, b(k') = b(k) (k'/k)^(p/2). Steps lost in the noise are
-    out of the choice, and so are those beyond one where the error has risen.
+    out of the choice, and so are those beyond one whose bias alone is too much.
     """
-    best, least = (*_DEFAULT,), np.inf
+    best, least, varies = (*_DEFAULT,), np.inf, np.inf
     for patch, (terms, order, steps) in CANDIDATES.items():
         fitting = tuple(k for k in steps if k <= asked.count // EVERY)
-        lowest = np.inf
         for k, error, variance in _errors(asked, terms, order, fitting):
             # Where all is lost in the noise, the least variance is the best bet.
             score = error if variance < _LOST else 1 + variance
             if score < least:
-                best, least = (patch, k), score
-            lowest = min(score, lowest)
-            if score > _RISEN * lowest:
+                best, least, varies = (patch, k), score, variance
+            clear = variance < _CLEAR * error and varies < _CLEAR * least
+            if clear and error - variance > least:
                 break
     patch, neighbors = best
     return patch, min(neighbors, asked.count - 1)

@@ -37,7 +37,6 @@ from core.auto.nets import aligned, nets, with_turns
 from core.fields import base_field
 from core.neighborhoods import neighborhoods
 from core.neighbors.graph import NearestNeighbors
-from core.patches.asked import Asked
 from core.patches.fitted import fit_all
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -98,7 +97,7 @@ def cloud(seed, kind):
 def prepared(points):
     """Return a cloud as the estimate sees it, Exact or Noisy."""
     source, settings = neighborhoods(points, None, Settings(threads=1))
-    level, noise = noise_in_spacings(Asked.of(source.nearest))
+    level, noise = noise_in_spacings(source.asked)
     if is_noisy(level, settings.neighbors):
         return Noisy(source.nearest, level, noise)
     fitted = fit_all(source, lambda _share: None)
@@ -127,6 +126,7 @@ def sample(job, stage):
     if stage == 0:
         look = lambda part: seen.candidates(seen.first_rows(part))[::2]  # noqa: E731
     else:
+        # Also where nobody will vote: who never saw a smooth surface finds creases.
         first, _ = seen.start()
         first_round(seen, first, _run)
         look = partial(seen.votes, first)

@@ -6,7 +6,7 @@ import pytest
 
 from core import Settings, compare_normals, estimate_normals, shapes
 from core.auto.coarse import block_means, halvings, noise_in_spacings
-from core.auto.ladder import EXACT, NOISY, fit_ladder
+from core.auto.ladder import EXACT, NOISY, fit_ladder, turn
 from core.auto.nets import nets
 from core.auto.votes import count_votes
 from core.neighbors.graph import NearestNeighbors
@@ -58,6 +58,21 @@ def test_features_do_not_depend_on_size_place_or_turn():
     # Logarithms of squares down to 1e-6: rounding shows where these are all there is.
     assert np.median(np.abs(first - second)) < 1e-3
     assert np.quantile(np.abs(first - second), 0.99) < 0.1
+
+
+def test_turns_are_told_apart_down_to_rounding():
+    """A cosine in single precision would not tell an angle of 0.0003 from none."""
+    rng = np.random.default_rng(0)
+    a, side = (rng.normal(size=(3, 1000)) for _ in range(2))
+    a /= np.linalg.norm(a, axis=0)
+    side -= (side * a).sum(axis=0) * a
+    side /= np.linalg.norm(side, axis=0)
+    for angle in (0.0, 3e-4, 0.1, np.pi / 2):
+        b = np.cos(angle) * a + np.sin(angle) * side
+        found = turn(a.astype(np.float32), -b.astype(np.float32))
+        # All below a thousandth is alike; 2e-7 is three roundings.
+        expected = np.log(np.sin(angle) ** 2 + 1e-6)
+        np.testing.assert_allclose(found, expected, atol=3e-3)
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5, 2.0, 4.0])
@@ -189,6 +204,33 @@ def cube(count, seed=0):
     normals[np.arange(count), axis] = side
     points[np.arange(count), axis] = side
     return points, normals
+
+
+@pytest.mark.parametrize("surface", ["cube", "bumpy", "noise"])
+def test_rounding_moves_no_normal(surface):
+    """A ten-millionth of the size is the rounding of single precision."""
+    points = {
+        "cube": lambda: cube(1000)[0],
+        "bumpy": lambda: shapes.BUMPY.sample(600, 1, even=False)[0],
+        "noise": lambda: noisy_sphere(2.0, 3000)[0],
+    }[surface]()
+    rng = np.random.default_rng(0)
+    moved = points + rng.normal(0, 1e-7, points.shape)
+    here, there = (estimate_normals(p, settings=AUTO) for p in (points, moved))
+    off = angles(here.normals, there.normals)
+    # Patches over sparse points magnify it a thousandfold.
+    assert np.quantile(off, 0.99) < 0.03
+    assert off.max() < 0.5
+
+
+def test_points_that_one_patch_fits_keep_its_normal():
+    points, _ = cube(12_000)
+    fixed = Settings(method="time_scale", neighbors=16, orientation="none")
+    one, auto = (estimate_normals(points, settings=s) for s in (fixed, AUTO))
+    flat = one.patches(np.arange(len(points))).misfit < 0.002
+    assert 0.5 < flat.mean() < 0.9
+    cosine = np.abs((one.normals * auto.normals).sum(axis=1))
+    np.testing.assert_allclose(cosine[flat], 1, atol=1e-12)
 
 
 def test_flat_faces_are_exact_two_spacings_from_a_crease():

@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from core import Settings, delaunay_normals, estimate_normals, shapes
+from core.auto import blend
 from core.neighbors import blocks
 from core.neighbors.blocks import Blocks
 from core.neighbors.graph import NearestNeighbors
@@ -132,3 +133,28 @@ def test_arrays_of_distances_stay_small(monkeypatch):
     )
     estimate_normals(surface(200_000), settings=FIXED)
     assert max(sizes) <= 2**21
+
+
+@pytest.fixture
+def voted(monkeypatch):
+    """Count the points that the normals around them vote on."""
+    counted = []
+    plain = blend.count_votes
+
+    def count_votes(offsets, *others):
+        counted.append(offsets.shape[2])
+        return plain(offsets, *others)
+
+    monkeypatch.setattr(blend, "count_votes", count_votes)
+    return counted
+
+
+def test_votes_are_counted_at_creases_only(voted):
+    """On a smooth surface nobody votes; a cube has one point in ten at an edge."""
+    estimate_normals(surface(20_000), settings=Settings(orientation="none"))
+    assert sum(voted) == 0
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (20_000, 3))
+    points[np.arange(20_000), rng.integers(3, size=20_000)] = 1
+    estimate_normals(points, settings=Settings(orientation="none"))
+    assert 0.01 < sum(voted) / 20_000 < 0.2
