@@ -9,7 +9,7 @@ References
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .inputs import FloatArray, InputError, as_faces, as_numbers, as_points
+from .inputs import FloatArray, InputError, as_faces, as_numbers, as_points, extent_of
 from .mesh.faces import unit, vertex_normals
 from .neighbors.graph import NearestNeighbors, delaunay_simplices
 from .patches.chart import along, principal_axes
@@ -75,23 +75,25 @@ def delaunay_normals(
         faces = delaunay_simplices(parameters)
     elif faces is not None:
         faces = as_faces(faces, len(points))
-    centered = points - points.mean(axis=0)
+    center = extent_of(points).center
     if faces is None:
-        return _star_normals(centered, progress)
-    return vertex_normals(centered, faces, weights="area")
+        return _star_normals(points, center, progress)
+    return vertex_normals(points - center, faces, weights="area")
 
 
-def _star_normals(points, progress):
+def _star_normals(points, center, progress):
     """Return N_D of the points' own Delaunay stars, (n, 3)."""
-    nearest = NearestNeighbors(points)
+    nearest = NearestNeighbors(points, center=center)
     count = min(_CANDIDATES, len(points) - 1)
     result = np.zeros(points.shape)
     dtype = precision(len(points))
 
     def work(rows):
         offsets, distance = nearest.offsets(rows, count)
-        offsets /= np.where(distance[:, -1] > 0, distance[:, -1], 1)
-        result[rows] = _star_normal(offsets.astype(dtype, copy=False))
+        inverse = 1 / np.where(distance[:, -1] > 0, distance[:, -1], 1)
+        scaled = np.empty(offsets.shape, dtype=dtype)
+        np.multiply(offsets, inverse, out=scaled, casting="same_kind")
+        result[rows] = _star_normal(scaled)
 
     runs = nearest.runs(count)
     for done in in_threads(work, runs, None):
