@@ -178,8 +178,12 @@ class Exact:
     second_chunks = first_chunks
 
     def start(self) -> tuple[Field, Field]:
-        """Return the fields that the two rounds write to."""
-        return self.field.copy(), self.field.copy()
+        """Return the fields that the two rounds write to.
+
+        The second is the one at hand: of it a chunk reads its own rows alone, and
+        before it writes them.
+        """
+        return self.field.copy() if len(self.rows) else self.field, self.field
 
     def candidates(self, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what the first round chooses among, its reach, and features.
@@ -359,7 +363,7 @@ def coarse_cloud(
 
 
 def blend(cloud: Exact | Noisy, run: Callable) -> Field:
-    """Return the field of a cloud after both rounds.
+    """Return the field of a cloud after both rounds; one it has is used up.
 
     Parameters
     ----------
