@@ -20,8 +20,9 @@ def in_threads(
     The items say what is computed together, never the number of threads: results do
     not depend on it.
     """
-    threads = min(threads or os.cpu_count() or 1, len(items))
-    if threads <= 1:
+    # Nobody counts cores for a single item: small clouds have many of these.
+    threads = 1 if len(items) < 2 else min(threads or os.cpu_count() or 1, len(items))
+    if threads == 1:
         for done, item in enumerate(items, 1):
             work(item)
             yield done
