@@ -9,7 +9,9 @@ import pytest
 from core import shapes
 from core.orient.orientation import find_orientation
 from core.orient.poles import label_poles
-from core.orient.sides import find_sides, measure, representatives, smooth
+from core.orient.representatives import measure, representatives
+from core.orient.sides import find_sides
+from core.orient.smoothing import smooth
 from core.orient.tree import spread_signs
 
 
