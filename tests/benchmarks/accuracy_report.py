@@ -22,6 +22,7 @@ _PICTURED = ("bunny100k", "fandisk100k")
 _SHOWN = ("none", "medium", "high")
 _CAPPED = 45
 
+PART = f"auto, at {accuracy.TRIED:,}"
 BEST = f"best fixed, at {accuracy.TRIED:,}"
 SHARES = {"least tenth": "least", "by place": "by place", "largest tenth": "largest"}
 
@@ -62,7 +63,7 @@ def _fixed(case):
 def _methods(found):
     """Return the methods of the table: ours, then the peers that all clouds have."""
     names = {"auto": lambda case: case["errors"]["ours, auto"]}
-    names[f"auto, at {accuracy.TRIED:,}"] = lambda case: case["tried"]
+    names[PART] = lambda case: case["tried"]
     names[BEST] = lambda case: min(_fixed(case).values())
     cases = [case for cloud in found.values() for case in cloud.values()]
     for name in cases[0]["errors"]:
@@ -96,7 +97,7 @@ def _plot(found, path):
     from matplotlib import pyplot
 
     figure, axes = pyplot.subplots(figsize=(7.5, 4), dpi=130)
-    methods = _methods(found)
+    methods = {name: error for name, error in _methods(found).items() if name != PART}
     width = 0.8 / len(methods)
     for i, (name, error) in enumerate(methods.items()):
         means = [np.mean([error(f[c]) for f in found.values()]) for c in accuracy.NAMES]
@@ -138,14 +139,17 @@ def _pictures(path):
             axes.set_title(f"{name}, {condition}: {rms:.1f}", fontsize=9)
     bar = figure.colorbar(drawn, ax=grid, shrink=0.6)
     bar.set_label("error of auto, degrees")
-    figure.savefig(path, metadata={"Software": None})
+    figure.savefig(path, metadata={"Software": None}, bbox_inches="tight")
     pyplot.close(figure)
 
 
 def _draw(axes, points, error):
     """Draw the points on the near side, the nearest last."""
-    turn = np.array([[0.85, 0.1, -0.52], [0.2, 0.86, 0.47]])
-    turn = np.linalg.qr(np.concatenate([turn, [[0.5, -0.5, 0.7]]]).T)[0].T
+    # From above and the right, y up.
+    toward = np.array([0.47, 0.45, 0.76])
+    right = np.cross([0, 1, 0], toward)
+    turn = np.stack([right, np.cross(toward, right), toward])
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
     x, y, depth = turn @ (points - points.mean(axis=0)).T
     order = np.argsort(depth)[len(depth) // 2 :]
     axes.set_aspect("equal")
