@@ -4,7 +4,16 @@
 from dataclasses import dataclass
 from itertools import count
 
-from .auto.blend import Exact, Field, Noisy, blend, error_of_misfit, is_enough, is_noisy
+from .auto.blend import (
+    Exact,
+    Field,
+    Noisy,
+    blend,
+    error_of_misfit,
+    is_enough,
+    is_noisy,
+    points_of_block,
+)
 from .auto.coarse import noise_in_spacings
 from .inputs import BoolArray, FloatArray, IntArray
 from .mesh.faces import Triangles
@@ -71,7 +80,8 @@ def _of_points(asked, source, settings, report):
     source.asked.forget()
     if is_noisy(level, settings.neighbors or 0):
         run = _runner(settings, report, 2)
-        field = blend(Noisy(nearest, level, noise), run)
+        least = points_of_block(settings.neighbors or 0, settings.patch)
+        field = blend(Noisy(nearest, level, noise, least=least), run)
         valid = (field.normals != 0).any(axis=1)
         return Found(field, valid, settings, noise)
     fitted, field, separated = _of_one_size(source, report)

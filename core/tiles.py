@@ -12,7 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from .auto.blend import VOTERS, Exact, Field, Noisy, blend, error_of_misfit, is_noisy
+from .auto.blend import (
+    VOTERS,
+    Exact,
+    Field,
+    Noisy,
+    blend,
+    error_of_misfit,
+    is_noisy,
+    points_of_block,
+)
 from .auto.coarse import halvings, noise_in_spacings
 from .auto.ladder import EXACT, NOISY
 from .fields import is_automatic
@@ -78,9 +87,14 @@ class Plan:
     margin: float
 
     @property
+    def block(self) -> float:
+        """How many points a block has at least: see `points_of_block`."""
+        return points_of_block(self.settings.neighbors or 0, self.settings.patch)
+
+    @property
     def halvings(self) -> int | None:
         """How often the cloud is halved to blocks; None where each point is one."""
-        return halvings(self.count, self.level)
+        return halvings(self.count, self.level, self.block)
 
 
 @dataclass(frozen=True)
@@ -154,7 +168,7 @@ def plan_of(asked: Asked, settings: Settings) -> Plan:
     patches = patches_of(asked, count, PATCHES[settings.patch])
     misfit = suspects(patches.misfit, patches.valid)[1]
     if level:
-        times = halvings(asked.count, level)
+        times = halvings(asked.count, level, points_of_block(count, settings.patch))
         block = 1.0 if times is None else asked.count / 2**times
         margin = _WIDTHS_NOISY * _reach(asked, max(NOISY) * block)
     else:

@@ -139,6 +139,21 @@ def is_noisy(level: float, neighbors: int) -> bool:
     return level >= _NOISY_FROM and neighbors > NARROWEST
 
 
+def points_of_block(neighbors: int, patch: str) -> float:
+    """Return how many points a block may have for the shape of a cloud.
+
+    Where quadratic patches are the best of one size, the surface is smooth as far as
+    they reach: with blocks so large the widest patches of the ladder reach as far.
+
+    Parameters
+    ----------
+    neighbors : int
+    patch : str
+        The best for the whole cloud: see `Settings`.
+    """
+    return neighbors / max(NOISY) if patch == "biquadratic" else 1.0
+
+
 class Exact:
     """A cloud whose points are exact, and its field by patches of one size.
 
@@ -273,6 +288,8 @@ class Noisy:
     nearest : NearestNeighbors
     level, noise : float
         See `coarse.noise_in_spacings`.
+    least : float
+        Points of a block at least: see `points_of_block`.
     coarse : NearestNeighbors, optional
         The means, where there are more than those of the points. Scales are then left
         out.
@@ -286,11 +303,12 @@ class Noisy:
         level: float,
         noise: float,
         *,
+        least: float = 1.0,
         coarse: NearestNeighbors | None = None,
     ) -> None:
         label: IntArray | None = np.zeros(len(nearest), dtype=np.int64)
         if coarse is None:
-            coarse, label = coarse_cloud(nearest, level)
+            coarse, label = coarse_cloud(nearest, level, least)
         self.nearest, self.coarse, self._label = nearest, coarse, label
         self._level, self._noise = level, noise
         self.rows = nearest.order
@@ -349,13 +367,13 @@ class Noisy:
 
 
 def coarse_cloud(
-    nearest: NearestNeighbors, level: float
+    nearest: NearestNeighbors, level: float, least: float = 1.0
 ) -> tuple[NearestNeighbors, IntArray | None]:
     """Return the neighbors of the means of blocks, and the block of each point.
 
     Without blocks each point is its own mean.
     """
-    times = halvings(len(nearest), level)
+    times = halvings(len(nearest), level, least)
     if times is None or not is_enough(2**times):
         return nearest, None
     means, label = block_means(nearest.points, times)

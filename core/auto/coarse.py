@@ -39,7 +39,7 @@ def noise_in_spacings(asked: Asked) -> tuple[float, float]:
     return (noise / spacing if spacing > 0 else 0.0), noise
 
 
-def halvings(count: int, noise: float) -> int | None:
+def halvings(count: int, noise: float, least: float = 1.0) -> int | None:
     """Return how often a cloud is halved to blocks as large as the noise asks for.
 
     Parameters
@@ -48,6 +48,8 @@ def halvings(count: int, noise: float) -> int | None:
         The points of the cloud.
     noise : float
         In spacings: see `noise_in_spacings`.
+    least : float
+        Points of a block at least, where there is noise.
 
     Returns
     -------
@@ -56,7 +58,7 @@ def halvings(count: int, noise: float) -> int | None:
     """
     if noise < _NOISY:
         return None
-    wanted = max(_SMALLEST * np.sqrt(2), noise * _POINTS_PER_SPACING)
+    wanted = max(_SMALLEST * np.sqrt(2), noise * _POINTS_PER_SPACING, least)
     return max(0, round(np.log2(count / wanted)))
 
 

@@ -225,8 +225,8 @@ def test_noisy_tiles_are_the_same_bits_under_one_plan(level):
         for chunk in chunks:
             work(chunk)
 
-    whole = blend(Noisy(nearest, plan.level, plan.noise), run)
-    coarse, _ = coarse_cloud(nearest, plan.level)
+    whole = blend(Noisy(nearest, plan.level, plan.noise, least=plan.block), run)
+    coarse, _ = coarse_cloud(nearest, plan.level, plan.block)
     assert (len(coarse) == count) == (plan.halvings is None) == (level < 0.25)
     partition, rows = boxed(points, 2)
     for number, own in enumerate(rows):
