@@ -106,10 +106,12 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
 def register() -> None:
     """Add the operator and its entry in the menu."""
     _register_classes()
+    # In the stubs the function that draws does not get the menu.
     bpy.types.VIEW3D_MT_mesh_add.append(_draw_menu)  # type: ignore[arg-type]
 
 
 def unregister() -> None:
     """Remove them."""
+    # As above.
     bpy.types.VIEW3D_MT_mesh_add.remove(_draw_menu)  # type: ignore[arg-type]
     _unregister_classes()
